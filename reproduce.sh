@@ -48,7 +48,7 @@ setup() {
     # What only builds and tests C++ against the frameworks: 0.4 GB.
     rm -rf .venv/lib/python*/site-packages/{tensorflow/include,torch/include,torch/test}
     # Most modules are never imported; those that are, are compiled here or by whoever is first.
-    for module in torch_align_ae.alignment.stage_align dsnet.stages.stage_train \
+    for module in torch_align_ae.alignment.stage_align tf_dsnet.train_networks tf_dsnet.train_plus \
         dsnet.report.stage_report torch._inductor tyro; do
         PYTHONDONTWRITEBYTECODE="" .venv/bin/python -c "import $module"
     done

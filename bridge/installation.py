@@ -11,7 +11,11 @@ from pathlib import Path
 from bridge.errors import MissingPackageError
 
 DISTRIBUTION = "dsnet-skin"
-_FRAMEWORKS = {"torch_align_ae": ("torch", "h5py"), "tf_dsnet": ("tensorflow",)}
+_FRAMEWORKS = {
+    "bridge.meshes": ("h5py",),
+    "torch_align_ae": ("torch", "h5py"),
+    "tf_dsnet": ("tensorflow",),
+}
 """What the extra `train` brings for each package."""
 
 
@@ -25,9 +29,9 @@ def require_package(package: str, extra: str, whose: str) -> None:
         )
 
 
-def require_packages_of(module: str) -> None:
-    for framework in _FRAMEWORKS.get(module.partition(".")[0], ()):
-        require_package(framework, "train", module)
+def require_packages_of(package: str) -> None:
+    for framework in _FRAMEWORKS[package]:
+        require_package(framework, "train", package)
 
 
 def how_to_install(extra: str) -> str:

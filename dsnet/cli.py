@@ -16,7 +16,6 @@ from typing import Any
 
 from bridge import __version__
 from bridge.errors import unknown_name
-from bridge.installation import require_packages_of
 from bridge.processes import exit_with_one_line
 
 COMMANDS = {
@@ -63,7 +62,6 @@ def _run(command: str, options: list[str], settings: Mapping[str, Any]) -> None:
     if profile not in (None, *PROFILES):
         raise unknown_name(f"profile {profile!r}", profile, PROFILES, "Pass --profile demo.")
     engine, address = _take(options, "--engine"), _take(options, "--address")
-    require_packages_of(COMMANDS[command][0])
     # Late, so that whoever interrupts while these load reads one line.
     import tyro
 

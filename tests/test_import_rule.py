@@ -1,7 +1,8 @@
-"""The two frameworks never meet in one process, the bridge needs neither, and is layered."""
+"""Three leaves on one trunk: all packages import `bridge`, and no other one of the product."""
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
@@ -11,74 +12,115 @@ from pathlib import Path
 
 import pytest
 
-from tests.sources import PACKAGES, ROOT, imported_modules, source_files
+from tests.sources import PACKAGES, ROOT, imported_modules, parsed, source_files
 
 NO_PRODUCT = {"benchmarks", "tools", "tests"}
-FORBIDDEN = {
-    "bridge": {"torch", "tensorflow", "keras", "tf_dsnet", "torch_align_ae"},
-    "torch_align_ae": {"tensorflow", "keras", "tf_dsnet"},
-    "tf_dsnet": {"torch", "torch_align_ae"},
+FRAMEWORK_OF = {"torch_align_ae": "torch", "tf_dsnet": "tensorflow"}
+FRAMEWORKS = {"torch", "tensorflow", "keras"}
+ALLOWED = {
+    "bridge": {"bridge"},
+    "dsnet": {"bridge", "dsnet"},
+    "torch_align_ae": {"bridge", "torch_align_ae", "torch"},
+    "tf_dsnet": {"bridge", "tf_dsnet", "tensorflow", "keras"},
 }
-# A folder imports those before it. Files in none, as paper and errors, stand before all of them;
-# what the package offers and cli, the command, after all.
-ORDER = [
-    "", "runs", "body", "motion", "exchange", "tissue", "measure", "report", "markers", "runtime",
-    "fitting", "export", "view", "verify", "__init__.py", "cli.py",
-]  # fmt: skip
+"""What a package's files import of the packages and frameworks."""
+# A folder imports those before it. Files beside the folders of `bridge` stand before all of them,
+# what the package offers and the command after all.
+ORDER = {
+    "bridge": ("", "runs", "body", "motion", "meshes", "exchange", "tissue", "__init__.py"),
+    "dsnet": (
+        "onnx", "synthetic", "evaluation", "report", "markers", "prediction", "stream", "fitting",
+        "exporters", "view", "verify", "stages", "__init__.py", "cli.py",
+    ),
+}  # fmt: skip
 THIRD_PARTIES = {
-    "": set(),
-    "__init__.py": set(),
-    "cli.py": {"tyro"},
-    "runs": {"filelock", "numpy", "ray", "threadpoolctl", "tqdm"},
-    "body": {"numpy", "safetensors", "scipy", "trimesh"},
-    "motion": {"numpy", "scipy"},
-    "exchange": {"numpy", "safetensors"},
-    "tissue": {"numpy", "scipy"},
-    "runtime": {"matplotlib", "numpy", "onnx", "onnxruntime", "tyro"},
-    "markers": {"numpy", "scipy"},
-    "fitting": {"numpy", "scipy"},
-    "export": {
-        "PIL",
-        "alembic3d",
-        "imath",
-        "imageio_ffmpeg",
-        "matplotlib",
-        "numpy",
-        "onnx",
-        "pxr",
-        "scipy",
-        "trimesh",
+    "bridge": {
+        "": set(),
+        "__init__.py": set(),
+        "runs": {"filelock", "numpy", "ray", "threadpoolctl", "tqdm"},
+        "body": {"numpy", "safetensors", "scipy"},
+        "motion": {"numpy", "scipy"},
+        "meshes": {"h5py", "numpy"},
+        "exchange": {"numpy", "safetensors", "tyro"},
+        "tissue": {"numpy", "scipy"},
     },
-    "view": {"numpy", "scipy"},
-    "measure": {"numpy", "scipy"},
-    "verify": {"numpy", "tyro"},
-    "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy", "tyro"},
+    "dsnet": {
+        "__init__.py": set(),
+        "cli.py": {"tyro"},
+        "onnx": {"numpy", "onnx", "onnxruntime"},
+        "synthetic": {"h5py", "numpy", "scipy", "tyro"},
+        "evaluation": {"numpy", "scipy"},
+        "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy", "tyro"},
+        "markers": {"numpy", "scipy"},
+        "prediction": {"numpy", "onnx", "scipy", "trimesh"},
+        "stream": {"numpy"},
+        "fitting": {"numpy", "scipy"},
+        "exporters": {
+            "PIL", "alembic3d", "imath", "imageio_ffmpeg", "matplotlib", "numpy", "onnx", "pxr",
+            "scipy", "trimesh",
+        },
+        "view": {"numpy", "scipy"},
+        "verify": {"numpy", "tyro"},
+        "stages": {"matplotlib", "numpy", "tyro"},
+    },
+}  # fmt: skip
+NAMES_MODULES = {
+    "dsnet/__init__.py",
+    "dsnet/cli.py",
+    "dsnet/exporters/formats.py",
+    "dsnet/stages/frameworks.py",
+    "dsnet/verify/engines.py",
+    "tf_dsnet/__init__.py",
 }
+"""Files that name modules of another package in strings: the command, and tables of plug-ins."""
 
 
 def folder_of(path: Path) -> str:
-    """The bridge's folder that holds a file; empty for the files beside the folders, but cli."""
-    first, *below = path.relative_to(ROOT / "bridge").parts
-    return first if below or first in ORDER else ""
+    """The folder of a file; its name for one in `ORDER`, empty for others beside the folders."""
+    package, first, *below = path.relative_to(ROOT).parts
+    return first if below or first in ORDER[package] else ""
 
 
-def upward(folder: str, modules: Iterable[str]) -> list[str]:
-    """Those modules that a file in one of the bridge's folders must not import."""
-    later = ORDER[ORDER.index(folder) + 1 :]
-    inner = [name.split(".") for name in modules if name.startswith("bridge.")]
-    return [".".join(parts) for parts in inner if parts[1] in (*later, "cli")]
+def upward(package: str, folder: str, modules: Iterable[str]) -> list[str]:
+    """Those modules that a file in one of a package's folders must not import."""
+    order = ORDER[package]
+    later = {name.removesuffix(".py") for name in order[order.index(folder) + 1 :]}
+    inner = [name.split(".") for name in modules if name.startswith(f"{package}.")]
+    return [".".join(parts) for parts in inner if parts[1] in later]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_no_source_file_imports_the_other_side_or_what_is_outside(package: str) -> None:
+def test_packages_import_the_bridge_and_never_each_other(package: str) -> None:
+    refused = ({*PACKAGES} | FRAMEWORKS | NO_PRODUCT) - ALLOWED[package]
     for path in source_files(package):
         found = {name.partition(".")[0] for name in imported_modules(path)}
-        assert not found & (FORBIDDEN[package] | NO_PRODUCT), path
+        assert not found & refused, path
 
 
-def test_the_bridges_folders_import_in_one_direction() -> None:
-    files = source_files("bridge")
-    found = {path: upward(folder_of(path), imported_modules(path)) for path in files}
+def test_only_tables_name_modules_of_other_packages() -> None:
+    naming = set()
+    for path in source_files(*PACKAGES):
+        own = path.relative_to(ROOT).parts[0]
+        others = "|".join({*PACKAGES} - {own})
+        for node in ast.walk(parsed(path)):
+            text = node.value if isinstance(node, ast.Constant) else None
+            if isinstance(text, str) and re.fullmatch(rf"({others})(\.\w+)+", text):
+                naming.add(path.relative_to(ROOT).as_posix())
+    assert naming <= NAMES_MODULES
+
+
+@pytest.mark.parametrize("package", FRAMEWORK_OF)
+def test_files_of_a_frameworks_package_need_the_framework(package: str) -> None:
+    """Directly, or by another file of the package; what needs neither belongs elsewhere."""
+    for path in source_files(package):
+        found = {name.partition(".")[0] for name in imported_modules(path)}
+        assert path.name == "__init__.py" or found & {FRAMEWORK_OF[package], package}, path
+
+
+@pytest.mark.parametrize("package", ORDER)
+def test_folders_import_in_one_direction(package: str) -> None:
+    files = source_files(package)
+    found = {p: upward(package, folder_of(p), imported_modules(p)) for p in files}
     assert not {str(path): names for path, names in found.items() if names}
 
 
@@ -94,24 +136,27 @@ def test_no_files_import_one_another_in_a_circle() -> None:
     ).prepare()
 
 
-def test_the_page_shows_this_order() -> None:
+@pytest.mark.parametrize("package", ORDER)
+def test_the_page_shows_this_order(package: str) -> None:
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    (line,) = re.findall(r"^`.+?` < .+$", page, re.MULTILINE)
-    assert re.findall(r"`(\w+)`", line) == ORDER[1:-2]
-    drawn = re.findall(r"^ {8}(\w+)/ ", page, re.MULTILINE)
-    assert drawn == ORDER[1:-2]
+    folders = [name for name in ORDER[package] if name and not name.endswith(".py")]
+    (drawn,) = re.findall(rf"^    {package}/ .*\n((?: {{8}}\w+/ .*\n)+)", page, re.MULTILINE)
+    assert re.findall(r"^ {8}(\w+)/", drawn, re.MULTILINE) == folders
 
 
-def test_every_folder_of_the_bridge_has_its_place() -> None:
-    assert {folder_of(path) for path in source_files("bridge")} == set(ORDER)
+@pytest.mark.parametrize("package", ORDER)
+def test_every_folder_has_its_place(package: str) -> None:
+    assert {folder_of(path) for path in source_files(package)} == set(ORDER[package])
 
 
-@pytest.mark.parametrize("folder", THIRD_PARTIES)
-def test_third_parties_are_those_of_the_folder(folder: str) -> None:
-    own = {"bridge", "torch_align_ae", "tf_dsnet"} | sys.stdlib_module_names
-    files = [path for path in source_files("bridge") if folder_of(path) == folder]
+@pytest.mark.parametrize(
+    ("package", "folder"),
+    [(p, folder) for p, folders in THIRD_PARTIES.items() for folder in folders],
+)
+def test_third_parties_are_those_of_the_folder(package: str, folder: str) -> None:
+    files = [path for path in source_files(package) if folder_of(path) == folder]
     found = {name.partition(".")[0] for path in files for name in imported_modules(path)}
-    assert found - own == THIRD_PARTIES[folder]
+    assert found - {*PACKAGES} - sys.stdlib_module_names == THIRD_PARTIES[package][folder]
 
 
 def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
@@ -119,11 +164,11 @@ def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
     source.write_text("def f():\n    import torch.nn\n    from dsnet.report.bodies import Scene\n")
     names = list(imported_modules(source))
     assert names == ["torch.nn", "dsnet.report.bodies"]
-    assert upward("motion", names) == ["dsnet.report.bodies"]
-    assert upward("report", names) == []
-    assert upward("", names) == ["dsnet.report.bodies"]
-    assert upward("cli.py", names) == []
-    assert upward("verify", ["dsnet.cli"]) == ["dsnet.cli"]
+    assert upward("dsnet", "evaluation", names) == ["dsnet.report.bodies"]
+    assert upward("dsnet", "report", names) == []
+    assert upward("dsnet", "cli.py", names) == []
+    assert upward("dsnet", "verify", ["dsnet.cli"]) == ["dsnet.cli"]
+    assert upward("bridge", "", ["bridge.runs"]) == ["bridge.runs"]
 
 
 @pytest.mark.parametrize(
@@ -131,7 +176,7 @@ def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
     [
         (
             "dsnet.cli, bridge.exchange, dsnet.prediction.stage_predict, tf_dsnet,"
-            " dsnet.stages.stage_infer",
+            " dsnet.stages.stage_infer, dsnet.stages.stage_train",
             "torch tensorflow keras",
         ),
         (
@@ -140,7 +185,7 @@ def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
         ),
         ("dsnet.view.stage_view", "torch tensorflow keras onnxruntime"),
         ("torch_align_ae", "tensorflow keras"),
-        ("dsnet.stages.stage_train", "torch"),
+        ("tf_dsnet.train_networks", "torch"),
     ],
 )
 def test_importing_loads_only_its_own_framework(modules: str, absent: str) -> None:

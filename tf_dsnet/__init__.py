@@ -4,24 +4,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dsnet.stream.streaming_predictor import StreamingPredictor
-    from dsnet.stream.streams import StreamingBodies
     from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder
     from tf_dsnet.model import build_dsnet
     from tf_dsnet.smpl import KerasSMPL, unpose
 
-__all__ = [
-    "KerasMeshAutoencoder",
-    "KerasSMPL",
-    "StreamingBodies",
-    "StreamingPredictor",
-    "build_dsnet",
-    "unpose",
-]
+    StreamingPredictor: Any  # of dsnet, which no framework's package imports
+
+__all__ = ["KerasMeshAutoencoder", "KerasSMPL", "StreamingPredictor", "build_dsnet", "unpose"]
 _LOADED_LATE = {
     "KerasMeshAutoencoder": "tf_dsnet.mesh_autoencoder",
     "KerasSMPL": "tf_dsnet.smpl",
-    "StreamingBodies": "dsnet.stream.streams",
     "StreamingPredictor": "dsnet.stream.streaming_predictor",
     "build_dsnet": "tf_dsnet.model",
     "unpose": "tf_dsnet.smpl",

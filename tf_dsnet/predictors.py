@@ -13,7 +13,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from tyro.conf import Fixed
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
@@ -30,7 +29,7 @@ from bridge.exchange.dsnet import (
     join_inputs,
     make_clips,
 )
-from bridge.options import NonNegativeFloat, PositiveFloat, PositiveInt, Seed
+from bridge.exchange.train_options import PredictorSettings
 from bridge.plugins import entry_named, with_plugins
 from bridge.runs import Artifact
 from tf_dsnet.framework import keras, tf
@@ -43,28 +42,6 @@ PredictMotion = Callable[[NDArray, NDArray], NDArray]
 """Latents (T, 100) of a motion theta (T, 69) of a body of shape betas (10,)."""
 BodyOf = Callable[[], BodyModelData]
 """Gives the run's body model; most predictors never ask."""
-
-
-@dataclass(frozen=True)
-class PredictorSettings:
-    """What a user may set about how predictors are trained."""
-
-    epochs: PositiveInt = 500
-    """Epochs of each predictor (the paper does not say how many)."""
-    seed: Seed = 0
-    """Seed of the initial weights and of the order of the clips."""
-    frames: Fixed[PositiveInt] = 300
-    """Length to which sequences are padded or clipped (paper: 300)."""
-    batch_size: Fixed[PositiveInt] = 16
-    """Sequences in a batch (paper: 16)."""
-    lr_faithful: Fixed[PositiveFloat] = 1e-4
-    """Adam's learning rate for `dsnet_faithful` (paper: 0.0001)."""
-    lr_standardised: Fixed[PositiveFloat] = 1e-3
-    """Adam's learning rate for `dsnet_standardised`; a departure where it is not 0.0001."""
-    masked: Fixed[bool] = False
-    """Leave padded frames out of the loss and of the batch normalisation (the paper does not)."""
-    min_input_std: Fixed[NonNegativeFloat] = 0.05
-    """Least spread (rad, m or 1) by which `dsnet_standardised` divides an input."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """`python -m tf_dsnet.verify`: what Keras and TensorFlow answer to `dsnet verify`.
 
-Operations and names are those of `bridge.engine`; the product's own networks, trainer,
+Operations and names are those of `bridge.exchange.engine`; the product's own networks, trainer,
 learner and KerasSMPL compute.
 """
 
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.engine import NORMALISER, Tensors, batches, joined, prefixed, serve, trained
 from bridge.exchange.dsnet import Clips
+from bridge.exchange.engine import NORMALISER, Tensors, batches, joined, prefixed, serve, trained
 from bridge.exchange.weights import mesh_autoencoder_from_keras
 from tf_dsnet import mesh_autoencoder, model
 from tf_dsnet.framework import Tensor, keras, tf

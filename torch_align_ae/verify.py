@@ -1,6 +1,6 @@
 """`python -m torch_align_ae.verify`: what PyTorch answers to `dsnet verify`.
 
-Operations and names are those of `bridge.engine`; the product's own networks, optimizers,
+Operations and names are those of `bridge.exchange.engine`; the product's own networks, optimizers,
 SMPL compute.
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bridge.body import load_body_model
-from bridge.engine import NORMALISER, Tensors, batches, joined, prefixed, serve, trained
+from bridge.exchange.engine import NORMALISER, Tensors, batches, joined, prefixed, serve, trained
 from bridge.exchange.weights import TORCH_ADAM, dsnet_from_torch
 from torch_align_ae.autoencoder.codes import Codec, Normaliser
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder

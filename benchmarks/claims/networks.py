@@ -32,12 +32,13 @@ from benchmarks.processes import run_as_process
 from benchmarks.systems.dsnet_variants import DsnetVariant
 from bridge.body import load_body_model
 from bridge.exchange.dsnet import TrainedDsnet, join_inputs
+from bridge.exchange.train_options import PredictorSettings
 from bridge.motion.splits import CELLS
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 from bridge.runs.run import body_model_path
 from tf_dsnet.framework import keras
-from tf_dsnet.predictors import PredictMotion, PredictorSettings, TrainingData
+from tf_dsnet.predictors import PredictMotion, TrainingData
 
 DSNET = "dsnet_pca"
 """The paper's network, the one whose history and layers are looked into."""

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.processes import run_as_process
+from bridge.exchange.train_options import TrainPlusConfig
 from bridge.tissue.trained_plus import NODE_FIELDS, Weights
+from dsnet.prediction.models import simulate_nodes
 from dsnet.stages import stage_train
-from tf_dsnet import stage_train_plus
 from tf_dsnet.oscillators import OscillatorLayer
-from tf_dsnet.stage_train_plus import PlusTraining, TrainPlusConfig
+from tf_dsnet.train_plus import PlusTraining, train_plus
 
 _NOTHING = dict.fromkeys(NODE_FIELDS, 1e-6) | {"normal_ratio": 1.0}
 """What a coefficient that is left out is held at: it does nothing."""
@@ -114,7 +115,7 @@ def main(config: LesserPlusConfig) -> None:
     given = {name: value for name, value in asdict(config).items() if value is not None}
     options = {**asdict(whole), **given}
     del options["profile"]
-    stage_train_plus.main(_LesserStage(**options), LesserTraining)
+    train_plus(_LesserStage(**options), simulate_nodes, LesserTraining)
 
 
 if __name__ == "__main__":

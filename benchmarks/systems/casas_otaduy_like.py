@@ -19,9 +19,10 @@ from benchmarks.systems.history_noise import HistoryNoise
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, changes
 from benchmarks.systems.searched import SearchedNetwork
 from bridge.exchange.dsnet import Clips
+from bridge.exchange.train_options import PredictorSettings
 from bridge.paper import LATENT_SIZE, N_BETAS
 from tf_dsnet.framework import Tensor, keras, tf
-from tf_dsnet.predictors import BodyOf, PredictorSettings
+from tf_dsnet.predictors import BodyOf
 from tf_dsnet.trainer import LossOf
 
 HIDDEN = 512

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from benchmarks.systems.kinematics import DIFFERENCES_SIZE, pose_differences
 from bridge.exchange.dsnet import TrainedDsnet, join_inputs
+from bridge.exchange.train_options import PredictorSettings
 from tf_dsnet.predictors import (
     BodyOf,
     DsnetPredictor,
     PredictMotion,
-    PredictorSettings,
     TrainingData,
     applied_dsnet,
 )

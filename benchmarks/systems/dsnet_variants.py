@@ -19,10 +19,11 @@ from benchmarks.systems.loads import loads_on_skin
 from benchmarks.systems.radial_basis import RadialBasis
 from benchmarks.systems.searched import SearchedNetwork
 from bridge.exchange.dsnet import Clips
+from bridge.exchange.train_options import PredictorSettings
 from bridge.paper import DSNET_WIDTHS, N_BETAS
 from tf_dsnet.framework import Tensor, keras
 from tf_dsnet.model import BlockLSTM
-from tf_dsnet.predictors import BodyOf, PredictorSettings
+from tf_dsnet.predictors import BodyOf
 
 Told = Callable[[NDArray, BodyOf], NDArray]
 

@@ -38,9 +38,10 @@ from bridge.exchange.dsnet import (
     UnpaddedClip,
     fit_scaling,
 )
+from bridge.exchange.train_options import PredictorSettings
 from bridge.paper import DMPL_DIRECTIONS, LATENT_SIZE, N_BETAS
 from dsnet.prediction.shapes import DENSITY_KG_M3
-from tf_dsnet.predictors import BodyOf, PredictMotion, PredictorSettings, TrainingData
+from tf_dsnet.predictors import BodyOf, PredictMotion, TrainingData
 
 RIDGES = (1e-6, 1e-4, 1e-2, 3e-2, 1e-1, 3e-1, 1.0, 10.0)
 """Penalties of a frame that are tried, where inputs and latents have a spread of 1."""

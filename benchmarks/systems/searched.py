@@ -21,13 +21,13 @@ from bridge.exchange.dsnet import (
     join_inputs,
     make_clips,
 )
+from bridge.exchange.train_options import PredictorSettings
 from bridge.exchange.weights import refuse_nonfinite
 from tf_dsnet.framework import keras
 from tf_dsnet.model import assign_weights, sum_of_distances
 from tf_dsnet.predictors import (
     BodyOf,
     PredictMotion,
-    PredictorSettings,
     TrainingData,
     applied,
 )

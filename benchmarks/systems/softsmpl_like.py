@@ -27,9 +27,10 @@ from benchmarks.systems.pose_code import (
 )
 from benchmarks.systems.searched import SearchedNetwork
 from bridge.exchange.dsnet import Clips, Scaling, UnpaddedClip
+from bridge.exchange.train_options import PredictorSettings
 from bridge.paper import LATENT_SIZE, N_BETAS
 from tf_dsnet.framework import Tensor, keras, tf
-from tf_dsnet.predictors import BodyOf, PredictorSettings
+from tf_dsnet.predictors import BodyOf
 from tf_dsnet.trainer import LossOf
 
 UNITS = 256

@@ -38,6 +38,8 @@ from dsnet.onnx.onnx_graph import GraphSession, Precision
 from dsnet.onnx.plus_graph import plus_graph, plus_layout, plus_step_graph
 from dsnet.prediction.loops import Lap
 
+_MOTIONS_AT_ONCE = 32
+"""Simulated side by side."""
 FRAMES_AT_ONCE = 64
 """Frames in a piece of offsets: what is held in memory at a time."""
 SETTLED_M = 1e-4
@@ -243,6 +245,21 @@ def codes_of_several(
         state, codes = model.step(state, np.stack(poses))
         if frame >= model.look_ahead:
             yield here, codes
+
+
+def simulate_nodes(
+    trained: TrainedPlus, body: BodyModelData, motions: Sequence[NDArray], betas: NDArray
+) -> list[NDArray[np.float32]]:
+    """Offsets (T, K, 3) of the nodes, without the static part, of motions theta (T, 69) of people
+    betas (B, 10)."""
+    model = PlusModel(trained, body, threads=0)
+    found = [np.empty((len(theta), len(trained.nodes), 3), np.float32) for theta in motions]
+    for start in range(0, len(found), _MOTIONS_AT_ONCE):
+        some = slice(start, start + _MOTIONS_AT_ONCE)
+        for frame, (rows, codes) in enumerate(codes_of_several(model, motions[some], betas[some])):
+            for row, code in zip(rows, codes, strict=True):
+                found[start + row][frame] = code.T
+    return found
 
 
 def finished(model: Model, state: State, theta: NDArray) -> list[Codes]:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +34,8 @@ from bridge.runs.run import (
 from bridge.runs.workers import on_any_node, progress, worker_pool
 from bridge.tissue.trained_plus import NAME, TrainedPlus
 from dsnet.prediction.models import PlusModel, codes_of
+from dsnet.stages.frameworks import of_framework
 from dsnet.stages.run_motions import MotionSet, find_motions, gather
-
-if TYPE_CHECKING:
-    from tf_dsnet.predictors import PredictMotion
 
 
 @dataclass(frozen=True)
@@ -86,9 +84,8 @@ class TrainedNetworks:
     body_path: Callable[[], Path]  # of the run's body model, for which most predictors never ask
 
     @cached_property
-    def by_name(self) -> dict[str, PredictMotion]:
-        from tf_dsnet.predictors import load_predictor
-
+    def by_name(self) -> dict[str, Callable[[NDArray, NDArray], NDArray]]:
+        load_predictor = of_framework("load_predictor")
         body = cache(lambda: load_paper_body(str(self.body_path())))
         return {name: load_predictor(self.train, name, body) for name in self.names}
 

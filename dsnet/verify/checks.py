@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.engine import NORMALISER, Check, DTypeName, Tensors
 from bridge.exchange.dsnet import (
     TrainedDsnet,
     dsnets_of,
@@ -21,6 +20,7 @@ from bridge.exchange.dsnet import (
     load_unpadded_clips,
     make_clips,
 )
+from bridge.exchange.engine import NORMALISER, DTypeName, Tensors
 from bridge.exchange.weights import load_autoencoder
 from bridge.paper import INFERRED_WIDTHS, INPUT_SIZE, LATENT_SIZE, N_VERTICES
 from bridge.runs import Artifact, Run
@@ -28,6 +28,7 @@ from bridge.runs.run import body_model_path
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.verify import draws
 from dsnet.verify.draws import SMALL_WIDTHS
+from dsnet.verify.engines import Check
 
 BOTH: tuple[DTypeName, ...] = ("float64", "float32")
 DOUBLE, SINGLE = BOTH[:1], BOTH[1:]

@@ -16,18 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.engine import (
-    REFERENCE,
-    Answer,
-    Ask,
-    Check,
-    DTypeName,
-    Tensors,
-    ask,
-    load_tensors,
-    write_requests,
-)
+from bridge.exchange.engine import DTypeName, Tensors, load_tensors
 from bridge.runs.workers import progress
+from dsnet.verify.engines import REFERENCE, Answer, Ask, Check, ask, write_requests
 
 TOLERANCES = {"FLOAT64": 1e-10, "FLOAT32_FORWARD": 1e-5, "FLOAT32_GRADIENT": 1e-4}
 """How far two engines may differ, relative to the tensor's scale; docs/verification.md says why."""

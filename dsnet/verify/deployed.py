@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.engine import Tensors, serve
 from bridge.exchange.dsnet import TrainedDsnet
+from bridge.exchange.engine import Tensors, serve
 from bridge.paper import N_BETAS
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.onnx import network_graphs

@@ -15,13 +15,13 @@ from typing import Any
 
 from tyro.conf import Fixed
 
-from bridge.engine import Answer
 from bridge.errors import DsnetError
 from bridge.options import Seed
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.run import body_model_path
 from dsnet.verify.checks import full_size_checks, random_checks, trained_checks
 from dsnet.verify.compare import TOLERANCES, Row, diagnose, verify
+from dsnet.verify.engines import Answer
 
 STAGE = "verify"
 EMBEDDED_BODY = "embedded:female"

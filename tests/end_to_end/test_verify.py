@@ -7,8 +7,8 @@ import shutil
 
 import pytest
 
-from bridge.engine import REFERENCE
 from dsnet.verify.checks import random_checks
+from dsnet.verify.engines import REFERENCE
 
 
 @pytest.mark.slow

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.engine import Check, Tensors
+from bridge.exchange.engine import Tensors
+from dsnet.verify.engines import Check
 
 FAULTY = "torch"
 

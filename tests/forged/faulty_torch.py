@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from bridge.engine import Operation, Tensors, serve
+from bridge.exchange.engine import Operation, Tensors, serve
 from bridge.exchange.weights import KERAS_ADAM
 from torch_align_ae import dsnet, verify
 

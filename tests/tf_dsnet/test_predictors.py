@@ -11,8 +11,8 @@ from bridge.runs import ArtifactWriter, read_artifact
 from dsnet import cli
 from dsnet.stages import stage_infer
 from dsnet.stages.stage_infer import InferConfig
+from dsnet.stream.streaming_predictor import StreamingPredictor
 from tests.forged.plugin import use_plugin
-from tf_dsnet import StreamingPredictor
 from tf_dsnet.predictors import applied_dsnet, load_predictor
 
 RNG = np.random.default_rng(6)

@@ -23,12 +23,12 @@ from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus
 from dsnet.stages import run_motions, stage_infer
 from dsnet.stages.stage_infer import InferConfig, TrainedNetworks, infer_plus
+from dsnet.stream.streaming_predictor import StreamingPredictor
 from dsnet.verify.reference.oscillators import moving
 from tests.forged.amass import save, shape, smplh, smplx
 from tests.forged.oscillating import people_of, true_model
 from tests.forged.plus import write_plus
 from tests.tf_dsnet.plus import PEOPLE, forge_run
-from tf_dsnet import StreamingPredictor
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bridge.engine import Tensors, prefixed, trained
+from bridge.exchange.engine import Tensors, prefixed, trained
 from bridge.exchange.weights import (
     BATCH_NORM_EPSILON,
     BATCH_NORM_MOMENTUM,

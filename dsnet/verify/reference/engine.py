@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bridge.body import load_body_model
-from bridge.engine import Tensors, serve
+from bridge.exchange.engine import Tensors, serve
 from bridge.motion import unpack_theta
 from dsnet.verify.reference import dsnet, mesh_autoencoder, oscillators, smpl
 

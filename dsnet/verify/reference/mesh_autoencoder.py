@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bridge.engine import Tensors, prefixed
+from bridge.exchange.engine import Tensors, prefixed
 from bridge.exchange.weights import TORCH_ADAM
 from bridge.paper import FEATURES
 from dsnet.verify.reference import layers

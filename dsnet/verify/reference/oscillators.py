@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.engine import Tensors, prefixed
+from bridge.exchange.engine import Tensors, prefixed
 from bridge.exchange.weights import KERAS_ADAM
 from bridge.motion import unpack_theta
 from bridge.paper import FPS

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.engine import Tensors, prefixed
+from bridge.exchange.engine import Tensors, prefixed
 from dsnet.verify.reference.layers import Array, Arrays
 
 H = 1e-30

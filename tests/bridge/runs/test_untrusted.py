@@ -28,7 +28,7 @@ from tests.sources import PACKAGES, ROOT, parsed, source_files
 # What answers for work, not for a file: a thread that must live, an engine that is compared.
 ANSWERS_FOR_WORK = {
     "bridge/plugins.py",
-    "bridge/engine.py",
+    "bridge/exchange/engine.py",
     "tf_dsnet/framework.py",
 }
 

@@ -131,9 +131,7 @@ def test_markers_that_come_beside_a_motion_make_another_prediction(tmp_path, cap
     for text in (None, b"", b"others"):
         if text is not None:
             path.with_name("jacks.c3d").write_bytes(text)
-        folders.predict_folder(
-            None, path.parent, out, controls=Controls(betas="0" + ",0" * 9)
-        )
+        folders.predict_folder(None, path.parent, out, controls=Controls(betas="0" + ",0" * 9))
         assert "dsnet: 0 motions are done" in capsys.readouterr().err
     predict_folder(None, path.parent, out, controls=Controls(betas="0" + ",0" * 9))
     assert "dsnet: 1 motions are done" in capsys.readouterr().err

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bridge.engine import Answer, Ask, Check, Tensors, answer
+from bridge.exchange.engine import Tensors, answer
 from dsnet.verify.checks import random_checks
+from dsnet.verify.engines import Answer, Ask, Check
 from dsnet.verify.reference import dsnet
 from dsnet.verify.reference.engine import OPERATIONS
 
@@ -26,7 +27,7 @@ def checks() -> list[Check]:
 
 @pytest.fixture(scope="session")
 def ask_reference() -> Ask:
-    """In place of `bridge.engine.ask`."""
+    """In place of `bridge.exchange.engine.ask`."""
     return _ask
 
 

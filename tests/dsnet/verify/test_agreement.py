@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.engine import ENGINES, REFERENCE
 from dsnet.verify.checks import FRAMEWORKS
 from dsnet.verify.compare import diagnose, verify
+from dsnet.verify.engines import ENGINES, REFERENCE
 
 OF_EACH_OPERATION = (
     "dsnet-whole-clip",

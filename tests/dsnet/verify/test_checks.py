@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from bridge.body import load_body_model
-from bridge.engine import load_tensors
 from bridge.exchange import save_weights
+from bridge.exchange.engine import load_tensors
 from bridge.exchange.weights import autoencoder_shapes, dsnet_shapes
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import ArtifactWriter, Run, write_artifact

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bridge.engine import Check, DTypeName, load_tensors, save_tensors
+from bridge.exchange.engine import DTypeName, load_tensors, save_tensors
 from dsnet.verify import draws
 from dsnet.verify.compare import compare, part_of, tolerance_of, verify
+from dsnet.verify.engines import Check
 
 Arrays = dict[str, np.ndarray]
 CLIP = Check(

@@ -9,7 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from bridge.engine import ENGINES, Check, answer, ask, load_tensors, write_requests
+from bridge.exchange.engine import answer, load_tensors
+from dsnet.verify.engines import ENGINES, Check, ask, write_requests
 
 DRAWN = np.random.default_rng(0).normal(size=5).astype(np.float32)
 STREAM = Check("bad", "dsnet_stream", {}, inputs={"offsets": np.zeros((1, 2), np.float32)})

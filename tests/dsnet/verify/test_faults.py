@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from bridge.engine import ENGINES, Answer, Ask, Check, ask, write_requests
 from dsnet.verify.compare import Row, diagnose, verify
+from dsnet.verify.engines import ENGINES, Answer, Ask, Check, ask, write_requests
 from tests.forged.faults import FAULTS, FAULTY, shown_by_torch, spoilt
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.engine import load_tensors, save_tensors
+from bridge.exchange.engine import load_tensors, save_tensors
 from bridge.runs import read_artifact, write_artifact
 from dsnet.verify import compare, stage_verify
 

@@ -19,11 +19,12 @@ from benchmarks.systems.rate_search import RateSearch
 from bridge import DsnetError
 from bridge.exchange import load_weights, save_weights
 from bridge.exchange.dsnet import Clips, Scaling, TrainedDsnet
+from bridge.exchange.train_options import PredictorSettings
 from bridge.paper import N_BETAS
 from tests.forged.driven import forged_data, people
 from tf_dsnet.framework import be_reproducible, tf
 from tf_dsnet.model import assign_weights, named_weights
-from tf_dsnet.predictors import PredictorSettings, TrainingData
+from tf_dsnet.predictors import TrainingData
 
 SETTINGS = PredictorSettings(epochs=12, frames=64, batch_size=4)
 ENTRY = CasasOtaduyLike()

@@ -21,9 +21,10 @@ from benchmarks.systems.dyna_like import (
 from benchmarks.systems.fitted_once import FittedOnce
 from bridge import DsnetError
 from bridge.exchange import load_weights, save_weights
+from bridge.exchange.train_options import PredictorSettings
 from bridge.paper import N_BETAS
 from tests.forged.driven import forged_data, people
-from tf_dsnet.predictors import PredictorSettings, TrainingData
+from tf_dsnet.predictors import TrainingData
 
 SETTINGS = PredictorSettings(epochs=4)
 ENTRY = DynaLike()

@@ -13,8 +13,8 @@ from bridge.runs import read_artifact
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.stages import stage_train
 from dsnet.stages.stage_train import TrainConfig
+from tests.tf_dsnet import plus
 from tests.tf_dsnet.plus import TINY, forge_run
-from tf_dsnet import stage_train_plus
 
 PARTS = ("gravity", "coupling", "bending", "stiffening", "sag", "anisotropy", "by_shape",
          "through_time", "static")  # fmt: skip
@@ -43,7 +43,7 @@ def train(runs, monkeypatch):
 def test_with_all_parts_it_is_what_the_stage_trains(train, runs):
     artifact, lesser = train()
     assert artifact.manifest["static"] != "none"
-    stage_train_plus.main(TINY)
+    plus.train()
     whole = TrainedPlus.load(read_artifact(runs / "tiny" / "train_plus"))
     for name, array in whole.arrays().items():
         np.testing.assert_array_equal(lesser.arrays()[name], array, err_msg=name)

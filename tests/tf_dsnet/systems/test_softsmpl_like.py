@@ -16,11 +16,12 @@ from benchmarks.systems.softsmpl_like import DynamicLoss, SoftSmplLike, mean_siz
 from bridge import DsnetError
 from bridge.exchange import load_weights, save_weights
 from bridge.exchange.dsnet import Clips, Scaling, TrainedDsnet, join_inputs
+from bridge.exchange.train_options import PredictorSettings
 from bridge.motion import pack_theta, unpack_theta
 from bridge.paper import N_BETAS
 from tests.forged.driven import forged_data, motion, people
 from tf_dsnet.framework import be_reproducible, keras
-from tf_dsnet.predictors import PredictorSettings, TrainingData
+from tf_dsnet.predictors import TrainingData
 
 SETTINGS = PredictorSettings(epochs=8, frames=40, batch_size=3)
 ENTRY = SoftSmplLike(pose_steps=60)

@@ -13,19 +13,20 @@ import pytest
 from bridge import DsnetError
 from bridge.body import BodyModelData
 from bridge.exchange import load_weights
+from bridge.exchange.train_options import TrainPlusConfig
 from bridge.options import check_options
 from bridge.runs import read_artifact
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.shape import shape_features
 from bridge.tissue.trained_plus import NODE_FIELDS, StaticPart, TrainedPlus
+from dsnet.prediction.models import simulate_nodes
 from dsnet.verify.reference.oscillators import coefficients, moving
 from tests.forged.oscillating import HZ, clip_of, clips_of, lively, people_of, true_model
-from tests.tf_dsnet.plus import PEOPLE, TINY, forge_run, teach_nothing
-from tf_dsnet import stage_train_plus
+from tests.tf_dsnet.plus import PEOPLE, TINY, forge_run, teach_nothing, train
 from tf_dsnet.framework import Tensor
 from tf_dsnet.oscillators import Batch, OscillatorLearner
 from tf_dsnet.oscillators import _loss as loss_of_windows
-from tf_dsnet.stage_train_plus import PlusTraining, TrainPlusConfig, told_by_shape
+from tf_dsnet.train_plus import PlusTraining, told_by_shape
 
 NODES = 60
 SETTINGS = TrainPlusConfig(
@@ -45,7 +46,8 @@ def truth(nodes: TissueNodes) -> TrainedPlus:
 
 
 def training_of(body, truth: TrainedPlus, settings: TrainPlusConfig = SETTINGS) -> PlusTraining:
-    return PlusTraining(settings, body, truth.nodes, truth.people_betas, clips_of(body, truth))
+    clips = clips_of(body, truth)
+    return PlusTraining(settings, body, truth.nodes, truth.people_betas, clips, simulate_nodes)
 
 
 def rounds(training: PlusTraining, truth: TrainedPlus, body, numbers) -> list[float]:
@@ -151,7 +153,8 @@ def test_frames_after_a_clips_end_count_for_nothing(body, truth):
     for window in (28, 70):
         settings = replace(SETTINGS, window=window, rounds=1, steps=1, batch_size=3)
         clips = clips_of(body, truth, frames=30)
-        training = PlusTraining(settings, body, truth.nodes, truth.people_betas, clips)
+        people = truth.people_betas
+        training = PlusTraining(settings, body, truth.nodes, people, clips, simulate_nodes)
         losses += training.round(0, [np.zeros_like(clip.offsets_m) for clip in clips])
     assert losses[0] == pytest.approx(losses[1], rel=1e-4)
 
@@ -176,7 +179,7 @@ def run(runs: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_stage_leaves_a_model_of_its_people(run):
-    stage_train_plus.main(TINY)
+    train()
     artifact = read_artifact(run / "train_plus")
     artifact.verify()
     assert set(artifact.manifest["files"]) == {"dsnet_plus.safetensors"}
@@ -199,7 +202,7 @@ def test_a_misfit_of_each_frame_is_found_at_every_vertex(runs, monkeypatch):
     """Trained a little longer, so that loads explain what they can. Sideways: sag would take some
     of what is down."""
     run = forge_run(runs, monkeypatch, misfit_m=0.01)
-    stage_train_plus.main(replace(TINY, rounds=6, steps=8, window=24, batch_size=5, lr=0.1))
+    train(replace(TINY, rounds=6, steps=8, window=24, batch_size=5, lr=0.1))
     artifact = read_artifact(run / "train_plus")
     assert artifact.manifest["static"] != "none"
     constant = TrainedPlus.load(artifact).static.constant_m
@@ -211,7 +214,7 @@ def test_a_misfit_of_each_frame_is_found_at_every_vertex(runs, monkeypatch):
 @pytest.mark.slow
 def test_killed_stage_resumes_bit_identically(runs, monkeypatch, killed_in):
     run = forge_run(runs, monkeypatch, misfit_m=0.01)
-    stage_train_plus.main(TINY)
+    train()
     whole = read_artifact(run / "train_plus")
     assert whole.manifest["static"] != "none"
     (run / "train_plus").rename(run / "uninterrupted")
@@ -227,27 +230,27 @@ def test_killed_stage_resumes_bit_identically(runs, monkeypatch, killed_in):
 
     monkeypatch.setattr(PlusTraining, "round", dying_round)
     with pytest.raises(KeyboardInterrupt):
-        stage_train_plus.main(TINY)
+        train()
     assert not (run / "train_plus").exists()
     (checkpoint,) = run.rglob("checkpoints/dsnet_plus.safetensors")
     static = {n: a.shape for n, a in load_weights(checkpoint).items() if n.startswith("static/")}
     assert static == {"static/constant": (PEOPLE, 60, 3), "static/by_pose": (207, 60, 3)}
-    stage_train_plus.main(TINY)
+    train()
     assert numbers == [*range(killed_in + 1), *range(killed_in, 3)]
     assert read_artifact(run / "train_plus").content_sha256 == whole.content_sha256
 
 
 def test_a_current_result_is_kept(run, monkeypatch):
     teach_nothing(monkeypatch)
-    stage_train_plus.main(replace(TINY, rounds=1))
+    train(replace(TINY, rounds=1))
     monkeypatch.setattr(PlusTraining, "round", lambda *_: pytest.fail("trained again"))
-    stage_train_plus.main(replace(TINY, rounds=1))
+    train(replace(TINY, rounds=1))
 
 
 def test_the_papers_alignment_is_refused_in_one_line(runs, monkeypatch):
     run = forge_run(runs, monkeypatch, kind="align", config={"aligner": "sgd"})
     with pytest.raises(DsnetError, match="without an alignment by the robust aligner") as caught:
-        stage_train_plus.main(TINY)
+        train()
     assert "\n" not in str(caught.value)
     assert "dsnet align --aligner both --run tiny" in str(caught.value)
     assert not list(run.glob("*train_plus*"))
@@ -256,21 +259,21 @@ def test_the_papers_alignment_is_refused_in_one_line(runs, monkeypatch):
 def test_a_robust_alignment_in_the_papers_place_is_as_good(runs, monkeypatch):
     run = forge_run(runs, monkeypatch, kind="align", config={"aligner": "robust"})
     teach_nothing(monkeypatch)
-    stage_train_plus.main(replace(TINY, rounds=1))
+    train(replace(TINY, rounds=1))
     assert set(read_artifact(run / "train_plus").manifest["upstream"]) == {"align"}
 
 
 def test_sequences_of_two_and_three_frames_are_refused(runs, monkeypatch):
     run = forge_run(runs, monkeypatch, lengths=(2, 3, 3))
     with pytest.raises(DsnetError, match="at least one of four frames"):
-        stage_train_plus.main(TINY)
+        train()
     assert not list(run.glob("*train_plus*"))
 
 
 def test_a_loss_that_is_not_finite_names_its_round(run, monkeypatch):
     monkeypatch.setattr(PlusTraining, "round", lambda *_: [math.nan])
     with pytest.raises(DsnetError, match="with a loss of nan in round 1"):
-        stage_train_plus.main(TINY)
+        train()
     assert not list(run.glob("*train_plus*"))
 
 

@@ -1,10 +1,9 @@
-"""`dsnet_plus` in stage `train`: oscillators are fitted to aligned offsets by their error through
-time."""
+"""`dsnet_plus` learns: oscillators are fitted to aligned offsets by their error through time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -15,8 +14,8 @@ from tqdm import tqdm
 from bridge.body import BodyModelData, load_paper_body
 from bridge.errors import DsnetError
 from bridge.exchange import save_weights
+from bridge.exchange.train_options import TrainPlusConfig
 from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
-from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import TRAIN_PLUS, best_alignment, body_model_path
 from bridge.tissue.node_clips import NodeClip, known_people, node_clips
@@ -31,7 +30,6 @@ from bridge.tissue.trained_plus import (
     Weights,
     shares_of_people,
 )
-from dsnet.prediction.models import PlusModel, codes_of_several
 from tf_dsnet.framework import Tensor, be_reproducible, tf
 from tf_dsnet.oscillators import OscillatorLayer, OscillatorLearner
 
@@ -42,37 +40,10 @@ DEPARTURES = (
 )
 _REMEDY = "Look at the alignment's offsets; a study may lower `TrainPlusConfig.lr`."
 _STATIC_ROUNDS = (1 / 3, 2 / 3, 1.0)
-_CLIPS_AT_ONCE = 32
-"""Simulated side by side."""
 
-
-@dataclass(frozen=True)
-class TrainPlusConfig:
-    """Fit `dsnet_plus` to the training sequences of the best alignment.
-
-    Costs about two minutes on two cores for 40 sequences of 160 frames, 1 GB.
-    """
-
-    run: str = "demo"
-    """Run whose aligned offsets are learned."""
-    seed: Seed = 0
-    """Seed of the windows' order."""
-    nodes: PositiveInt = 500
-    """Vertices that carry the tissue; the others follow smoothly."""
-    rounds: PositiveInt = 9
-    """Rounds of training; each begins with a simulation of every clip."""
-    steps: PositiveInt = 25
-    """Adam's steps in a round."""
-    window: PositiveInt = 36
-    """Frames that a step simulates."""
-    batch_size: PositiveInt = 12
-    """Windows in a step."""
-    lr: PositiveFloat = 0.06
-    """Adam's learning rate at the start, for logarithms of coefficients; it falls to 0."""
-    taps: PositiveInt = 3
-    """Frames of the load that act on a step."""
-    look_ahead: NonNegativeInt = 1
-    """Frames by which the newest of them lies ahead of the step; 0 needs no later pose."""
+Simulate = Callable[[TrainedPlus, BodyModelData, Sequence[NDArray], NDArray], list[NDArray]]
+"""Offsets (T, K, 3) of the nodes that a model gives, without its static part, of motions theta
+(T, 69) of a body, of people betas (B, 10): by the step that predictions repeat."""
 
 
 class PlusTraining:
@@ -92,10 +63,11 @@ class PlusTraining:
         nodes: TissueNodes,
         betas: NDArray[np.float32],
         clips: Sequence[NodeClip],
+        simulate: Simulate,
     ) -> None:
         be_reproducible(settings.seed)
         self.settings, self._body, self._nodes = settings, body, nodes
-        self._betas, self._clips = betas, list(clips)
+        self._betas, self._clips, self._simulate = betas, list(clips), simulate
         self._features = np.stack([shape_features(body, one, nodes.vertices) for one in betas])
         self._normals = np.stack([shaped_normals(body, one)[nodes.vertices] for one in betas])
         self._shares = np.stack([shares_of_people(one, betas) for one in betas])
@@ -126,16 +98,9 @@ class PlusTraining:
 
     def simulate(self) -> list[NDArray[np.float32]]:
         """What the oscillators make of every clip, (T, K, 3) each."""
-        model = PlusModel(self.trained(StaticPart.nothing()), self._body, threads=0)
-        found = [np.empty_like(clip.offsets_m) for clip in self._clips]
-        for start in range(0, len(found), _CLIPS_AT_ONCE):
-            some = self._clips[start : start + _CLIPS_AT_ONCE]
-            betas = self._betas[[clip.person for clip in some]]
-            several = codes_of_several(model, [clip.theta for clip in some], betas)
-            for frame, (rows, codes) in enumerate(several):
-                for row, code in zip(rows, codes, strict=True):
-                    found[start + row][frame] = code.T
-        return found
+        motions = [clip.theta for clip in self._clips]
+        betas = self._betas[[clip.person for clip in self._clips]]
+        return self._simulate(self.trained(StaticPart.nothing()), self._body, motions, betas)
 
     def trained(self, static: StaticPart) -> TrainedPlus:
         """The model as it is now."""
@@ -248,20 +213,22 @@ def _a_step_before(offsets_m: NDArray, frame: int) -> NDArray:
     return straight - share * (1 - share) / 2 * (now - 2 * before + earlier)
 
 
-def main(config: TrainPlusConfig, training: type[PlusTraining] = PlusTraining) -> None:
-    """Run the stage: a result that is current is kept, one that was interrupted is continued.
+def train_plus(
+    config: TrainPlusConfig, simulate: Simulate, training: type[PlusTraining] = PlusTraining
+) -> None:
+    """Make `train_plus`: a result that is current is kept, one that was interrupted is continued.
 
     A study that trains in another way hands over a configuration and a training of its own.
     """
     run = Run(config.run)
     align, body_path = best_alignment(run), body_model_path(run)
-    make = partial(_make, config, training, align, body_path)
+    make = partial(_make, config, partial(training, simulate=simulate), align, body_path)
     run.build(TRAIN_PLUS, config, make, data=align.origin, upstream={align.path.name: align})
 
 
 def _make(
     config: TrainPlusConfig,
-    make_training: type[PlusTraining],
+    make_training: Callable[..., PlusTraining],
     align: Artifact,
     body_path: Path,
     writer: ArtifactWriter,

@@ -1,0 +1,113 @@
+"""Training of networks: they learn latents from motions (Section 5, "Training process")."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from bridge.body import load_paper_body
+from bridge.exchange import save_weights
+from bridge.exchange.dsnet import CodeName, load_unpadded_clips
+from bridge.exchange.train_options import NetworksRecord
+from bridge.runs import ArtifactWriter, Run
+from bridge.runs.run import TRAIN, body_model_path
+from bridge.runs.workers import worker_pool
+from tf_dsnet.predictors import Predictor, PredictorTraining, TrainingData, predictors_named
+
+
+def train_networks(run: Run, config: NetworksRecord) -> None:
+    """Make `train`: the predictors that the configuration names learn latents."""
+    chosen = predictors_named(config.predictors)
+    encoded = run.artifact("encode")
+    body = cache(lambda: load_paper_body(str(body_model_path(run))))
+
+    @cache
+    def clips_of(code: CodeName) -> TrainingData:
+        train, validation = (
+            load_unpadded_clips(encoded, split, code) for split in ("train", "validation")
+        )
+        return TrainingData(train, validation, body)
+
+    def make(writer: ArtifactWriter) -> None:
+        trainings = {
+            entry.name: entry.training(
+                config, clips_of(entry.code), writer.checkpoints / f"{entry.name}.safetensors"
+            )
+            for entry in chosen
+        }
+        epoch_s = _train(trainings, config)
+        writer.record_measured(**{f"epoch_s_{name}": round(s, 4) for name, s in epoch_s.items()})
+        described = {
+            entry.name: _store(entry, trainings[entry.name], config, writer) for entry in chosen
+        }
+        last = config.epochs
+        epochs = [e + 1 for e in range(last) if _due(e, config.validate_every, last)]
+        writer.put("validation_epochs", np.array(epochs, np.int32), "epoch")
+        shown = chosen[0].name
+        writer.record(
+            default=shown,
+            predictors=described,
+            # Of the one that is shown: networks of other inputs have other numbers of parameters.
+            parameters=trainings[shown].parameters(),
+        )
+
+    run.build(TRAIN, config, make, data=encoded.origin, upstream={"encode": encoded})
+
+
+def _train(
+    trainings: Mapping[str, PredictorTraining], config: NetworksRecord
+) -> Mapping[str, float]:
+    """Predictors side by side, epoch by epoch: one alone leaves half of two cores idle. Gives mean
+    seconds of the epochs of each; nothing where all were behind its checkpoint."""
+    seconds: dict[str, list[float]] = defaultdict(list)
+    first = min(len(training.losses) for training in trainings.values())
+    # disable=None: quiet when the output is not a terminal.
+    epochs = tqdm(range(first, config.epochs), desc=" and ".join(trainings), total=config.epochs,
+                  initial=first, unit="epoch", disable=None, mininterval=0.5)  # fmt: skip
+    with worker_pool("threads", None, len(trainings)) as pool:
+        for epoch in epochs:
+            validate = _due(epoch, config.validate_every, config.epochs)
+
+            def advance(_: None, name: str) -> None:
+                training, started = trainings[name], time.perf_counter()
+                is_new = len(training.losses) == epoch  # noqa: B023
+                training.epoch(epoch, validate=validate)  # noqa: B023
+                if is_new:
+                    seconds[name].append(time.perf_counter() - started)
+
+            list(pool.map(advance, trainings))  # raises what a thread raised
+            if validate:
+                epochs.set_postfix({n: t.validation_losses[-1] for n, t in trainings.items()})
+            if _due(epoch, config.checkpoint_every, config.epochs):
+                for training in trainings.values():
+                    training.save()
+    return {name: float(np.mean(each)) for name, each in seconds.items()}
+
+
+def _due(epoch: int, every: int, epochs: int) -> bool:
+    """Whether something done every so many epochs, and at the end, is due after this epoch."""
+    return (epoch + 1) % every == 0 or epoch + 1 == epochs
+
+
+def _store(
+    entry: Predictor, training: PredictorTraining, config: NetworksRecord, writer: ArtifactWriter
+) -> dict[str, Any]:
+    """Write what was learned; gives what the manifest says of the predictor."""
+    name, unit = entry.name, "latent unit, summed over frames"
+    save_weights(writer.file_path(f"{name}.safetensors"), training.arrays())
+    writer.put(f"loss_{name}", np.array(training.losses, np.float32), unit)
+    validation = np.array(training.validation_losses, np.float32)
+    writer.put(f"validation_loss_{name}", validation, unit)
+    return {
+        "label": entry.label,
+        "lr": training.lr,
+        "parameters": next(iter(training.parameters().values())),
+        "code": entry.code,
+        "departures": list(entry.departures(config)),
+    }
