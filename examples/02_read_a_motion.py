@@ -7,13 +7,11 @@ import sys
 
 import numpy as np
 
-from bridge.motion import load_motion_file, unpack_theta
+import dsnet
 
-motion = load_motion_file(sys.argv[1] if len(sys.argv) > 1 else "sample:jumping_jacks")
-pose, trans_m = unpack_theta(motion.theta)  # (T, 22, 3) axis-angle and (T, 3)
-
+motion = dsnet.load_motion(sys.argv[1] if len(sys.argv) > 1 else "sample:jumping_jacks")
 print(f"{motion.source}: {len(motion.theta)} frames, {motion.duration_s:.2f} s")
 print(f"recorded at {motion.source_fps:g} frames a second, of a {motion.gender} body")
-print(f"the root rises by {100 * np.ptp(trans_m[:, 1]):.0f} cm")
-turns_rad = np.ptp(pose, axis=0).max(axis=-1)  # (22,)
+print(f"the root rises by {100 * np.ptp(motion.trans_m[:, 1]):.0f} cm")  # trans_m is (T, 3)
+turns_rad = np.ptp(motion.pose, axis=0).max(axis=-1)  # pose is (T, 22, 3) axis-angle
 print(f"joint {turns_rad.argmax()} turns most: by {np.degrees(turns_rad.max()):.0f} degrees")

@@ -10,15 +10,12 @@ import sys
 
 import numpy as np
 
-from bridge.motion import load_motion_file
-from dsnet.prediction.controls import Controls, controlled_body
-from dsnet.prediction.load_model import load_model
+import dsnet
 
-motion = load_motion_file(sys.argv[1] if len(sys.argv) > 1 else "sample:jumping_jacks")
-trained = load_model(run=None, gender=motion.gender)  # Run("demo") takes that run's best
-moving = controlled_body(trained, motion, Controls())
+motion = dsnet.load_motion(sys.argv[1] if len(sys.argv) > 1 else "sample:jumping_jacks")
+moving = dsnet.animate(motion)  # animate(motion, "demo") takes that run's best predictor
 
-for posed in moving:  # some frames at a time: memory does not grow with the motion
+for posed in moving:  # some frames at a time; moving.arrays() gives all at once
     size_mm = 1e3 * np.linalg.norm(posed.offsets_m, axis=-1)  # (T', V) in the rest pose
     height_m = posed.vertices_m[..., 1].max(axis=1)  # (T',) in the world, y up
     first, last = posed.frames.start / motion.fps, posed.frames.stop / motion.fps

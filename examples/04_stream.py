@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from bridge import load_motion
-from dsnet.stream.streams import StreamingBodies
+import dsnet
 
-bodies = StreamingBodies(fps=60)  # of the package; StreamingBodies("demo") takes that run's best
-motion = bodies.placed(load_motion("sample:jumping_jacks"))  # or a file of yours
+bodies = dsnet.Stream(fps=60)  # of the package; Stream("demo") takes that run's best
+motion = bodies.placed(dsnet.load_motion("sample:jumping_jacks"))  # or a file of yours
 
 anna = bodies.join(motion.betas)
 bella = None

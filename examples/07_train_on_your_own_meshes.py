@@ -7,25 +7,22 @@ D-FAUST's files do, (V, 3, T) metres at 60 frames a second: docs/data.md. What t
 lies in runs/mine; stopped ones go on where they were.
 """
 
+import subprocess
 import sys
 
-from bridge.processes import exit_with_one_line, outcome_of_module
-from bridge.runs import Run
-from dsnet.prediction.prediction_files import predict_motion
+import dsnet
 
 
-def dsnet(*command: str) -> None:
-    """A stage, which is a process of its own; one that fails has said why."""
-    if status := outcome_of_module("dsnet.cli", *command, quiet=False)[0]:
+def stage(*command: str) -> None:
+    """A stage of training, which is a process of its own; one that fails has said why."""
+    if status := subprocess.call([sys.executable, "-m", "dsnet.cli", *command]):
         sys.exit(status)
 
 
-def main(smpl: str, *meshes: str) -> None:
-    """Meshes to offsets, offsets to a predictor, a motion to a moving body."""
-    dsnet("align", "--run", "mine", "--aligner", "robust", "--smpl", smpl, "--dyna", *meshes)
-    dsnet("train", "--run", "mine", "--predictors", "dsnet_plus")
-    predict_motion(Run("mine"), "sample:walking", "runs/mine_walking")
+smpl, *meshes = sys.argv[1:]
+stage("align", "--run", "mine", "--aligner", "robust", "--smpl", smpl, "--dyna", *meshes)
+stage("train", "--run", "mine", "--predictors", "dsnet_plus")
 
-
-with exit_with_one_line():
-    main(*sys.argv[1:])
+model = dsnet.load_model("mine")
+dsnet.predict("sample:walking", "runs/mine_walking", model)
+model.save("runs/mine_model")  # a folder for a colleague: dsnet.load_model("mine_model")

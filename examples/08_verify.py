@@ -1,25 +1,24 @@
-"""Does Keras compute what the formulas say? DSNet beside its float64 reference in NumPy.
+"""Does Keras compute what NumPy says? SMPL posed by both (needs the extra `train`).
 
-python examples/08_verify.py (needs the extra `train`)
+python examples/08_verify.py
 
 `dsnet verify --run RUN` asks this of every layer, gradient and training step, in four engines.
 """
 
 import numpy as np
 
-from dsnet.verify.reference import dsnet
-from tf_dsnet import build_dsnet
-from tf_dsnet.model import named_weights
+import dsnet
+from tf_dsnet import KerasSMPL, build_dsnet
 
-model = build_dsnet()
-print(f"{model.count_params():,} parameters")
+print(f"DSNet in Keras: {build_dsnet().count_params():,} parameters")
 
-rng = np.random.default_rng(0)
-inputs = rng.normal(size=(2, 30, 79)).astype(np.float32)  # 2 clips of 30 frames: betas and theta
-by_keras = np.asarray(model(inputs))
+body, rng = dsnet.load_body("embedded:female"), np.random.default_rng(0)
+betas = rng.normal(size=(4, 10)).astype(np.float32)
+pose = rng.normal(scale=0.3, size=(4, 24, 3)).astype(np.float32)  # axis-angle
+trans = rng.normal(size=(4, 3)).astype(np.float32)  # metres
 
-weights = {name: array.astype(np.float64) for name, array in named_weights(model).items()}
-by_formula = dsnet.predict(weights, inputs.astype(np.float64))["fc_enc_3"]
+by_keras = np.asarray(KerasSMPL(body)(betas, pose, trans))  # (4, V, 3) metres, float32
+by_numpy = dsnet.pose_vertices(body, *(a.astype(np.float64) for a in (betas, pose, trans)))
 
-difference = np.abs(by_keras - by_formula).max() / np.abs(by_formula).max()
-print(f"latents {by_keras.shape} differ by at most {difference:.1e} of the largest")
+difference_mm = 1e3 * np.abs(by_keras - by_numpy).max()
+print(f"vertices {by_keras.shape} differ by at most {difference_mm:.1e} mm")

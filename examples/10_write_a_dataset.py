@@ -8,12 +8,11 @@ dsnet predict --motion AMASS --out OUT --write offsets16
 
 import shutil
 import sys
+from importlib.resources import files
 from pathlib import Path
 
-from bridge.motion.readers.amass import sample_path
-from bridge.processes import exit_with_one_line
-from bridge.runs import read_artifact
-from dsnet.prediction.predict_folder import predict_folder
+import dsnet
+from bridge import read_artifact
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "motions")
 out = Path(sys.argv[2] if len(sys.argv) > 2 else "flesh")
@@ -21,9 +20,9 @@ if __name__ == "__main__":  # the workers are processes, which import this file
     if not folder.exists():
         for name in ("walk_cycle", "jumping_jacks"):
             (folder / name).mkdir(parents=True)
-            shutil.copy(sample_path(name), folder / name / f"{name}_poses.npz")
-    with exit_with_one_line():  # files that cannot be predicted are told at the end
-        predict_folder(None, folder, out, write=["offsets16"])
+            sample = files("bridge.motion") / "samples" / f"{name}.npz"
+            shutil.copy(str(sample), folder / name / f"{name}_poses.npz")
+    dsnet.predict(folder, out, write=["offsets16"])
     for path in sorted(out.rglob("manifest.json")):
         made = read_artifact(path.parent)
         offsets_m = made.array("offsets")  # (T, V, 3) float16, in the rest pose, memory-mapped

@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from dsnet.stages.stage_train import PROFILES as TRAIN
 from tests.sources import ROOT, defined_names
 from torch_align_ae.alignment.stage_align import PROFILES as ALIGN
 from torch_align_ae.autoencoder.stage_train_ae import PROFILES as TRAIN_AE
@@ -51,7 +52,6 @@ def test_the_lengths_of_trainings_are_the_profiles() -> None:
     assert f"| autoencoder | {code.epochs} epochs of 236 steps |" in text
     assert f"preset `{code.comparisons[0]}` | {code.comparison_epochs} epochs, only" in text
     assert f"| {steps} steps a frame |" in text
-    networks = (ROOT / "tf_dsnet" / "stage_train.py").read_text()  # TensorFlow stays out of here
-    epochs, rounds = re.findall(r'run="paper", epochs=(\d+), .*rounds=(\d+)\)', networks)[0]
-    assert f"| DSNet, both presets | {int(epochs):,} epochs of 5 batches" in text
-    assert f"| `dsnet_plus` | {rounds} rounds of" in text
+    networks = TRAIN["paper"]
+    assert f"| DSNet, both presets | {networks.epochs:,} epochs of 5 batches" in text
+    assert f"| `dsnet_plus` | {networks.rounds} rounds of" in text

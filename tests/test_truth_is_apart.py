@@ -34,7 +34,7 @@ def test_the_chain_opens_no_array():
 
 def test_the_viewer_reads_it_in_one_place():
     readers = [p for p in (ROOT / "dsnet" / "view").glob("*.py") if "open_truth" in p.read_text()]
-    assert {path.name for path in readers} == {"repertoire.py"}
+    assert {path.name for path in readers} == {"clip_list.py"}
 
 
 def test_the_report_asks_the_truth_for_no_array():

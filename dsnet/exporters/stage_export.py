@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Literal
 
 from bridge.errors import DsnetError, notify
-from bridge.runs import Run
 from dsnet.exporters.formats import FORMATS, chosen_format
 from dsnet.exporters.onnx_model import export_onnx
 from dsnet.exporters.output import new_path, refuse_taken
 from dsnet.prediction.controls import Controls, controlled_body
+from dsnet.prediction.load_model import Source, name_of
 from dsnet.prediction.moving_body import MovingBody
 
 
@@ -26,8 +26,8 @@ class ExportConfig(Controls):
     motion: Path | None = None
     """One AMASS `.npz`, a BVH, or `sample:walking`; for all but onnx."""
     run: str | None = None
-    """Run whose predictor moves the skin; the small model that comes with the package when left
-    out, of the motion's gender."""
+    """Run whose predictor moves the skin, or a folder that `save` wrote; the small model that comes
+    with the package when left out, of the motion's gender."""
     predictor: tuple[str, ...] = ()
     """Which of the run's; its best when left out. A gif, mp4 or html shows several."""
     precision: Literal["float32", "float16", "int8"] = "float32"
@@ -40,6 +40,11 @@ PROFILES = dict.fromkeys(("smoke", "demo", "paper"), ExportConfig())
 
 
 def main(config: ExportConfig) -> None:
+    export_as(config, config.run)
+
+
+def export_as(config: ExportConfig, source: Source) -> None:
+    """Write what a configuration asks for, by a predictor that `load_model` takes from `source`."""
     to, out = config.to, config.out
     if to is None:
         raise DsnetError("export without --to", f"one of {', '.join(FORMATS)}", "Pass --to FORMAT.")
@@ -62,9 +67,9 @@ def main(config: ExportConfig) -> None:
         )
     refuse_taken(out)
     if not form.of_motion:
-        _export_predictor(config, out)
+        _export_predictor(config, source, out)
         return
-    moving = _moving_bodies(config)
+    moving = _moving_bodies(config, source)
     with new_path(out) as path:
         for one in moving:
             one.announce()
@@ -73,24 +78,22 @@ def main(config: ExportConfig) -> None:
         form.writer()(path, *moving)
 
 
-def _export_predictor(config: ExportConfig, out: Path) -> None:
+def _export_predictor(config: ExportConfig, source: Source, out: Path) -> None:
     if config.motion is not None or config.given().keys() - {"gender"}:
         raise DsnetError(
             "--to onnx with a motion or what moves it",
             "a predictor alone: the graph takes any motion and shape",
             "Leave out --motion, --gain, --betas and the like.",
         )
-    run = None if config.run is None else Run(config.run)
-    chosen = config.model(run, next(iter(config.predictor), None))
+    chosen = config.model(source, next(iter(config.predictor), None))
     notify(f"{chosen.name} ({chosen.label}) of {chosen.owner}: {chosen.why}")
     with new_path(out) as path:
-        export_onnx(path, chosen, run=config.run or "packaged", precision=config.precision)
+        export_onnx(path, chosen, run=name_of(source) or "packaged", precision=config.precision)
 
 
-def _moving_bodies(config: ExportConfig) -> list[MovingBody]:
+def _moving_bodies(config: ExportConfig, source: Source) -> list[MovingBody]:
     """The character that was asked for, in its motion, by each of the predictors."""
     if config.motion is None:
         raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
-    run = None if config.run is None else Run(config.run)
-    opened = [config.load(run, name, config.motion) for name in config.predictor or (None,)]
+    opened = [config.load(source, name, config.motion) for name in config.predictor or (None,)]
     return [controlled_body(trained, motion, config) for trained, motion in opened]

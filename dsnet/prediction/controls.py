@@ -6,7 +6,7 @@ export and the viewer iterate over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,16 +18,15 @@ from bridge.body import BodyModelData
 from bridge.body.model_data import GENDERS, SMPL_JOINT_NAMES
 from bridge.body.parts import GROUPS, PARTS, part_weights
 from bridge.body.posing import shaped_joints, shaped_vertices
-from bridge.errors import DsnetError, notify
+from bridge.errors import DsnetError, notify, unknown_name
 from bridge.motion import Motion, load_motion_file, pack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import HowRead, Up
 from bridge.motion.skeletons import read_joint_map
 from bridge.options import Bounds, PositiveFloat, check_options, numbers_by_name
 from bridge.paper import FPS, N_BETAS
-from bridge.runs import Run
 from dsnet.markers.bone_pose import bony_pose
-from dsnet.prediction.load_model import TrainedModel, body_asked, load_model
+from dsnet.prediction.load_model import Source, TrainedModel, body_asked, load_model
 from dsnet.prediction.loops import REMEDY, Lap, close_lap
 from dsnet.prediction.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
 from dsnet.prediction.shape_space import with_own_shape
@@ -76,6 +75,23 @@ class Controls:
     """Leave out what is faster in the motion: the noise of a recording shakes the skin. `auto`
     finds the cutoff that suits each moment."""
 
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Controls:
+        """Controls from their fields by name; words may be a list or one text."""
+        names = [field.name for field in fields(Controls)]
+        for name in given:
+            if name not in names:
+                raise unknown_name(f"{name}=", name, names, "Pass fields of dsnet.Controls.")
+        made: dict[str, Any] = dict(given)
+        for name in ("part_gain", "shape"):
+            if name in made:
+                words = made[name]
+                made[name] = (words,) if isinstance(words, str) else tuple(words)
+        for name in ("body", "joint_map"):
+            if made.get(name) is not None:
+                made[name] = Path(made[name])
+        return cls(**made)
+
     def check(self) -> None:
         """Refuse what needs no body to be refused."""
         check_options(self)
@@ -104,38 +120,38 @@ class Controls:
 
     def load(
         self,
-        run: Run | None,
+        source: Source,
         predictor: str | None,
         path: Path,
         load: Callable[..., TrainedModel] = load_model,
     ) -> tuple[TrainedModel, Motion]:
         """A predictor on the body that is asked for, and the motion of a file as it has it.
 
-        A run that cannot predict is told before the file is read. Who has many motions passes a
+        A run that cannot predict is refused before the file is read. Who has many motions passes a
         `load` that remembers.
         """
         trained = None
-        if run is not None and not body_asked(self.body):
-            trained = self.model(run, predictor, load=load)
+        if source is not None and not body_asked(self.body):
+            trained = self.model(source, predictor, load=load)
         how = self.how_read()
         motion = load_motion_file(path, self.motion_fps, smooth_hz=self.smooth_hz, how=how)
-        return trained or self.model(run, predictor, motion, load), motion
+        return trained or self.model(source, predictor, motion, load), motion
 
     def model(
         self,
-        run: Run | None,
+        source: Source,
         predictor: str | None,
         motion: Motion | None = None,
         load: Callable[..., TrainedModel] = load_model,
     ) -> TrainedModel:
-        """A predictor on the body that is asked for, else on one that suits a motion; without a run
-        the package's. DsnetError if the body is of another gender than was asked for, if any was.
+        """A predictor on the body that is asked for, else on one that suits a motion; the package's
+        where no source is given. DsnetError if the body is of another gender than was asked for.
         """
         gender, kind, more_betas = "unknown", None, 0
         if motion is not None:
             gender, kind, more_betas = motion.gender, motion.kind, len(motion.more_betas)
         body = body_asked(self.body)
-        found = load(run, predictor, self.gender or gender, body, kind, more_betas)
+        found = load(source, predictor, self.gender or gender, body, kind, more_betas)
         self.check_model(found)
         return found
 

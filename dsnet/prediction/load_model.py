@@ -1,18 +1,21 @@
-"""A trained predictor and the body that it moves: of a run, or the small one of the package.
+"""A trained predictor and the body that it moves: of a run, a folder, or the package's small one.
 
-The package's models (`python tools/build_packaged_models.py` makes them) are artifacts like a
-stage's: `dsnet_plus` of the synthetic corpus, for the embedded body of one gender.
+A folder that `TrainedModel.save` wrote is an artifact like a stage's: `manifest.json`, the
+configuration, and weights as safetensors. The package's models are such folders (`python
+tools/build_packaged_models.py` makes them): `dsnet_plus` of the synthetic corpus, for the embedded
+body of one gender.
 """
 
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX, embedded_gender
@@ -21,14 +24,18 @@ from bridge.exchange.dsnet import load_trained_dsnet
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run, read_artifact
 from bridge.runs.artifact import DataOrigin, DataShown
+from bridge.runs.files import MANIFEST, runs_root
 from bridge.runs.run import TRAIN_MARKERS, TRAIN_PLUS, body_model_path
 from bridge.runs.untrusted import damage_refused
+from bridge.tissue.trained_plus import NAME as PLUS
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.prediction.models import DsnetModel, Model, PlusModel
+from dsnet.prediction.out_folder import open_out_folder
 from dsnet.prediction.transfer_cache import body_digest, carried_over
 
 PACKAGED = "packaged-model"
-"""Kind of the package's artifacts."""
+"""Kind of an artifact that holds a model to predict with."""
+_CODEC = "autoencoder.safetensors"
 
 
 def _open_plus(trained: TrainedModel, body: BodyModelData) -> Model:
@@ -82,6 +89,32 @@ class TrainedModel:
     """What it is made of, by stage, in the order of its pipeline."""
     other_body: BodyModelData | None = None
     """That it moves, if not the one that it was trained on."""
+
+    def save(self, folder: Path | str) -> Artifact:
+        """Write what was trained as a folder, to be given away: `load_model(folder)` opens it.
+
+        `manifest.json` and safetensors: 2 MB of `dsnet_plus`, 135 MB of the paper's networks. An
+        embedded body is named in it; of a licensed one it holds the digest alone, and who opens the
+        folder passes the file. DsnetError if the folder holds anything else.
+        """
+        first = next(iter(self.artifacts.values())).manifest
+        wanted = {f"{PLUS}.safetensors", f"{self.name}.safetensors", _CODEC}
+        with open_out_folder(Path(folder), self.origin, PACKAGED) as writer:
+            for artifact in self.artifacts.values():
+                for name in sorted(wanted & artifact.manifest["files"].keys()):
+                    shutil.copyfile(artifact.file(name), writer.file_path(name))
+                if "architecture" in artifact.manifest:
+                    writer.record(architecture=artifact.manifest["architecture"])
+            is_embedded = self.trained_on.startswith(EMBEDDED_PREFIX)
+            writer.record(
+                predictors={self.name: first["predictors"][self.name]},
+                default=self.name,
+                stages=[*self.artifacts],
+                body_model=self.trained_on if is_embedded else None,
+                body_sha256=body_digest(self.own_body),
+                gender=self.own_body.gender,
+            )
+            return writer.finish(config={}, upstream=self.upstream)
 
     @property
     def origin(self) -> DataOrigin:
@@ -141,33 +174,71 @@ def body_asked(given: Path | str | None) -> str | None:
     return str(given or os.environ.get("DSNET_BODY") or "") or None
 
 
+Source: TypeAlias = TrainedModel | Run | os.PathLike[str] | str | None
+"""Whose model: the package's (None, `female` or `male`), a run's or that of a run's name, that of a
+folder which `TrainedModel.save` wrote, or one that is loaded."""
+
+
+def name_of(source: Source) -> str | None:
+    """What a manifest says of where a model was from; None for the package's own choice."""
+    if isinstance(source, TrainedModel):
+        return source.owner
+    if isinstance(source, Run):
+        return source.name
+    return None if source is None else os.fspath(source)
+
+
 def load_model(
-    run: Run | None,
+    source: Source = None,
     predictor: str | None = None,
     gender: str = "unknown",
-    body: str | None = None,
+    body: str | os.PathLike[str] | None = None,
     kind: str | None = None,
     more_betas: int = 0,
 ) -> TrainedModel:
-    """A predictor of a run, the best there is if none is named; without a run, the package's for a
-    body of `gender`, `female` where it is neither. DsnetError if there is no such predictor, what
-    it is made of is no chain, or a file is damaged.
+    """A predictor to move bodies with, on the body that it was trained on or on another.
 
-    `body` is the model file of another body than it was trained on, or a folder, from which one of
-    the gender and `kind` is taken (`bridge.motion.Motion`); with `more_betas` than ten if it has.
+    Parameters
+    ----------
+    source : None or `"female"`, `"male"`: the small model that comes with the package. A run's
+        name: what it has trained. A folder that `TrainedModel.save` wrote.
+    predictor : which of the run's; the run's best when None.
+    gender : of the packaged model, where `source` does not say; `female` where it is neither.
+    body : another body than it was trained on: an SMPL, SMPL-H or SMPL-X model file, or a folder of
+        them, from which one of the gender and `kind` is taken (`bridge.motion.Motion`).
+    more_betas : shape coefficients after the tenth that the body shall take, if it has them.
+
+    Raises
+    ------
+    DsnetError
+        If there is no such predictor, what it is made of is no chain, or a file is damaged.
     """
-    if body is None:
-        found = find_model(run, predictor, gender)
-    else:
-        moved = load_body_model(body, gender, kind)
+    moved = None if body is None else load_body_model(os.fspath(body), gender, kind)
+    if moved is not None:
         known = (one for one in (moved.gender, gender) if one in EMBEDDED_GENDERS)
+        gender = next(known, "unknown")
+    found = find_model(source, predictor, gender)
+    if not found.trained_on:
+        found = _on_licensed(found, moved, str(body))
+    elif moved is not None:
         shapes = N_BETAS + min(more_betas, max(moved.shapedirs.shape[-1] - N_BETAS, 0))
-        found = find_model(run, predictor, next(known, "unknown"))
-        found = found.on(moved.with_shapes(shapes), body)
-        for note in moved.notes:
-            notify(note)
+        found = found.on(moved.with_shapes(shapes), str(body))
+    for note in () if moved is None else moved.notes:
+        notify(note)
     _ = found.model
     return found
+
+
+def _on_licensed(found: TrainedModel, body: BodyModelData | None, path: str) -> TrainedModel:
+    """The model of a folder that could not hold the body that it was trained on: on that body."""
+    (artifact, *_) = found.artifacts.values()
+    if body is None or body_digest(body) != artifact.manifest["body_sha256"]:
+        raise DsnetError(
+            f"{found.owner} {'without a body' if body is None else f'with the body {body.name}'}",
+            "the licensed body that it was trained on, which the folder cannot hold",
+            "Pass the file of that body.",
+        )
+    return replace(found, body_model=path, trained_on=path)
 
 
 def packaged_folder(gender: str) -> Path:
@@ -175,13 +246,42 @@ def packaged_folder(gender: str) -> Path:
     return Path(str(resources.files("dsnet.prediction"))) / "packaged" / gender
 
 
-def find_model(run: Run | None, asked: str | None = None, gender: str = "unknown") -> TrainedModel:
+def find_model(source: Source, asked: str | None = None, gender: str = "unknown") -> TrainedModel:
     """As `load_model`, on the body that it was trained on; nothing is read yet but manifests."""
-    if run is None:
-        taken, line = embedded_gender(gender)
+    if isinstance(source, TrainedModel):
+        _check_name(asked, source.name, f"of {source.owner}", "Load the other one.")
+        return source
+    if source is None or source in EMBEDDED_GENDERS:
+        taken, line = embedded_gender(str(source or gender))
         if line:
             notify(line)
-        return _packaged(asked, taken)
+        otherwise = "Train another and name its run: ./reproduce.sh, then --run demo."
+        _check_name(asked, PLUS, "without a run", otherwise)
+        return _of_folder(packaged_folder(taken), "no --run given", taken)
+    if isinstance(source, Run):
+        return _of_run(source, asked)
+    folder = Path(source)
+    is_run = len(folder.parts) == 1 and (runs_root() / folder).is_dir()
+    if (folder / MANIFEST).is_file() and not is_run:
+        found = _of_folder(folder, "the folder's")
+        _check_name(asked, found.name, f"of {found.owner}", "Leave the name out.")
+        return found
+    if len(folder.parts) > 1:
+        raise DsnetError(
+            f"a model in {folder}, which holds none",
+            "a run's name, or a folder that a model was saved to",
+            "Check the path.",
+        )
+    return _of_run(Run(os.fspath(source)), asked)
+
+
+def _check_name(asked: str | None, name: str, owner: str, otherwise: str) -> None:
+    if asked not in (None, name):
+        received = f"predictor {asked!r} {owner}"
+        raise DsnetError(received, name, did_you_mean(asked or "", [name], otherwise))
+
+
+def _of_run(run: Run, asked: str | None) -> TrainedModel:
     trained = {
         stages: read_artifact(run.path / stages[0]).manifest
         for stages in PIPELINES
@@ -218,22 +318,22 @@ def _body_of(run: Run, manifest: Mapping[str, Any]) -> str:
     return EMBEDDED_PREFIX + gender if gender in EMBEDDED_GENDERS else str(body_model_path(run))
 
 
-def _packaged(asked: str | None, gender: str) -> TrainedModel:
-    artifact = read_artifact(packaged_folder(gender), PACKAGED)
-    (name, entry), *_ = artifact.manifest["predictors"].items()
-    if asked not in (None, name):
-        otherwise = "Train another and name its run: ./reproduce.sh, then --run demo."
-        raise DsnetError(
-            f"predictor {asked!r} without a run",
-            f"{name}, which comes with the package",
-            did_you_mean(asked or "", [name], otherwise),
-        )
+def _of_folder(folder: Path, why: str, packaged: str = "") -> TrainedModel:
+    """The model that a folder holds; `packaged` is the gender of the package's own."""
+    artifact = read_artifact(folder, PACKAGED)
+    manifest = artifact.manifest
+    (name, entry), *_ = manifest["predictors"].items()
+    stages = tuple(manifest.get("stages", (TRAIN_PLUS,)))
+    if stages not in PIPELINES:
+        raise DsnetError(f"{folder}, a model of stages {stages}", "a known kind", "Save it again.")
+    body_model = manifest.get("body_model", EMBEDDED_PREFIX + str(manifest.get("gender"))) or ""
+    owner = f"the packaged model ({packaged}, {artifact.origin})" if packaged else str(folder)
     return TrainedModel(
         name,
-        label=entry["label"],
-        why="no --run given",
-        owner=f"the packaged model ({gender}, {artifact.origin})",
-        body_model=EMBEDDED_PREFIX + gender,
-        trained_on=EMBEDDED_PREFIX + gender,
-        artifacts={TRAIN_PLUS: artifact},
+        label=str(entry.get("label", name)),
+        why=why,
+        owner=owner,
+        body_model=body_model,
+        trained_on=body_model,
+        artifacts=dict.fromkeys(stages, artifact),
     )

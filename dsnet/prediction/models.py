@@ -12,7 +12,7 @@ is the deployable graph without the skin, run by ONNX Runtime.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from typing import Protocol
@@ -212,13 +212,17 @@ def predict_whole(model: Model, theta: NDArray, betas: NDArray) -> Prediction:
     """A motion theta (T, 69) at 60 frames a second without a cut, of a body betas (10,)."""
     codes = codes_of(model, theta, betas)
     latents = np.stack([*codes]) if model.codes_are_latents else None
+    return Prediction(decoded(model, codes if latents is None else latents, theta, betas), latents)
 
-    def pieces(codes: Iterator[NDArray]) -> Iterator[Piece]:
-        for start in range(0, len(theta), FRAMES_AT_ONCE):
-            piece = theta[start : start + FRAMES_AT_ONCE]
-            yield model.offsets_m(betas, np.stack([*islice(codes, len(piece))]), piece)
 
-    return Prediction(pieces(codes if latents is None else iter(latents)), latents)
+def decoded(
+    model: Model, codes: Iterable[NDArray], theta: NDArray, betas: NDArray
+) -> Iterator[Piece]:
+    """The offsets that codes of the frames of a motion theta (T, 69) stand for."""
+    codes = iter(codes)
+    for start in range(0, len(theta), FRAMES_AT_ONCE):
+        piece = theta[start : start + FRAMES_AT_ONCE]
+        yield model.offsets_m(betas, np.stack([*islice(codes, len(piece))]), piece)
 
 
 def codes_of(model: Model, theta: NDArray, betas: NDArray) -> Iterator[NDArray[np.float32]]:

@@ -27,7 +27,7 @@ from bridge.runs.workers import progress
 from dsnet.markers.bone_pose import flesh_in_pose
 from dsnet.prediction.load_model import TrainedModel
 from dsnet.prediction.loops import Lap
-from dsnet.prediction.models import Prediction, predict_loop, predict_whole
+from dsnet.prediction.models import Prediction, decoded, predict_loop, predict_whole
 from dsnet.prediction.shape_space import pelvis_apart_m
 
 SOLE_PERCENTILE = 1.0
@@ -104,9 +104,24 @@ class MovingBody:
     @property
     def latents(self) -> NDArray[np.float32] | None:
         """(T, 100) codes that the offsets are decoded from, before any gain, if there are any."""
-        found = [prediction.latents for prediction in self._predictions()]
-        latents = [part for part in found if part is not None]
-        return np.concatenate(latents) if latents else None
+        found = self._latents_of_pieces
+        return None if found is None else np.concatenate(found)
+
+    @cached_property
+    def _latents_of_pieces(self) -> list[NDArray[np.float32]] | None:
+        """Of each piece between cuts: the network computes them once."""
+        if not self.trained.model.codes_are_latents:
+            return None
+        return [each.latents for each in self._predictions() if each.latents is not None]
+
+    def _offset_pieces(self) -> Iterator[NDArray[np.float32]]:
+        """Of all frames, some at a time."""
+        if self._latents_of_pieces is None:
+            return chain.from_iterable(found.offsets_m for found in self._predictions())
+        model, theta, betas = self.trained.model, self.motion.theta, self.motion.betas
+        latents = zip(self._latents_of_pieces, self.pieces, strict=True)
+        pieces = (decoded(model, codes, theta[piece], betas) for codes, piece in latents)
+        return chain.from_iterable(pieces)
 
     def _predictions(self) -> list[Prediction]:
         """Of each piece between cuts; their offsets are computed when they are asked for."""
@@ -134,10 +149,17 @@ class MovingBody:
             frames = moved.frames
             return finite(shaped.pose(pose[frames], trans[frames], moved.offsets_m), frames)
 
-        for found_m in chain.from_iterable(found.offsets_m for found in self._predictions()):
+        for found_m in self._offset_pieces():
             frames = slice(start, start + len(found_m))
             yield MovedFrames(frames, finite(found_m * self._gain, frames), posed)
             start = frames.stop
+
+    def arrays(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Vertices (T, V, 3) in the world and offsets (T, V, 3) in the rest pose, metres, of all
+        frames: 165 MB a thousand frames of an SMPL body."""
+        pieces = [(moved.vertices_m, moved.offsets_m) for moved in self]
+        vertices_m, offsets_m = zip(*pieces, strict=True)
+        return np.concatenate(vertices_m), np.concatenate(offsets_m)
 
     def shown(self, what: str) -> Iterator[MovedFrames]:
         """The same frames; a terminal is told how far `what` is."""

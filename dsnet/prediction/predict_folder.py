@@ -22,7 +22,7 @@ from bridge.body.embedded import EMBEDDED_GENDERS
 from bridge.errors import DsnetError, notify
 from bridge.motion import Motion
 from bridge.motion.readers import files_below, stated_gender
-from bridge.runs import Run, read_artifact
+from bridge.runs import read_artifact
 from bridge.runs.files import (
     MANIFEST,
     exclusive,
@@ -37,13 +37,16 @@ from bridge.runs.workers import WorkerPool, on_any_node, progress, worker_pool
 from dsnet.markers.marker_files import c3d_beside
 from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.load_model import (
+    Source,
     TrainedModel,
     body_asked,
     find_model,
     load_model,
+    name_of,
 )
 from dsnet.prediction.moving_body import MovingBody
-from dsnet.prediction.prediction_files import KIND, OF_MANY, fill_prediction, open_out_folder
+from dsnet.prediction.out_folder import open_out_folder
+from dsnet.prediction.prediction_files import KIND, OF_MANY, fill_prediction
 
 REFUSED = "refused.txt"
 """In the folder that is written: each file that was refused, and why."""
@@ -60,14 +63,14 @@ _load = lru_cache(maxsize=8)(load_model)
 class Asked:
     """What every motion of the folder is asked for; workers have a copy."""
 
-    run: Run | None
+    source: Source
     predictor: str | None
     controls: Controls
     write: tuple[str, ...]
 
     def load(self, path: Path) -> tuple[TrainedModel, Motion]:
         """The predictor of a file's motion, and the motion as the file has it."""
-        return self.controls.load(self.run, self.predictor, path, _load)
+        return self.controls.load(self.source, self.predictor, path, _load)
 
     def moving(self, path: Path) -> tuple[MovingBody, list[str]]:
         """The body that performs it, and all that is to be told of it, which no terminal is."""
@@ -80,7 +83,7 @@ class Asked:
     def config(self) -> dict[str, Any]:
         """As in the manifest of a prediction."""
         given = {
-            "run": self.run and self.run.name,
+            "run": name_of(self.source),
             "predictor": self.predictor,
             "write": self.write,
             "controls": self.controls.given(),
@@ -116,7 +119,7 @@ class Found:
 
 
 def predict_folder(
-    run: Run | None,
+    source: Source,
     folder: Path,
     out: Path,
     *,
@@ -139,11 +142,11 @@ def predict_folder(
     if said := body_asked(controls.body):  # other machines have other settings and folders
         body = Path(said).resolve() if Path(said).exists() else Path(said)
         controls = replace(controls, body=body)
-    asked = Asked(run, predictor, controls, tuple(write))
+    asked = Asked(source, predictor, controls, tuple(write))
     asked.controls.check()
     asked.controls.how_read()
     _refuse_place(folder, out)
-    models = _upstreams(run, predictor)
+    models = _upstreams(source, predictor)
     with (
         exclusive(out, f"--out {out}", "Wait until it has ended, or name another folder."),
         worker_pool(on_any_node("processes"), asked) as pool,
@@ -178,10 +181,10 @@ def _refuse_place(folder: Path, out: Path) -> None:
         raise DsnetError(f"--out {out}, {kind}", "a folder of its own", "Name another folder.")
 
 
-def _upstreams(run: Run | None, predictor: str | None) -> list[dict[str, str]]:
+def _upstreams(source: Source, predictor: str | None) -> list[dict[str, str]]:
     """What predictions are made of: one model's artifacts, or those of either gender's."""
-    if run is not None:
-        return [find_model(run, predictor).upstream]
+    if source is not None:
+        return [find_model(source, predictor).upstream]
     return [find_model(None, predictor, gender).upstream for gender in EMBEDDED_GENDERS]
 
 
@@ -277,7 +280,7 @@ def _predict(asked: Asked, one: Found) -> Found:
         stamps = {str(path): stamp_of(path) for path in read.values()}
         digests = {name: sha256_of(path) for name, path in read.items()}
         upstream = {**moving.trained.upstream, **digests}
-        with open_out_folder(one.out, moving.trained.origin) as writer:
+        with open_out_folder(one.out, moving.trained.origin, KIND) as writer:
             fill_prediction(writer, moving, asked.write, moving, source=one.path.name, told=told)
             writer.record_inputs({name: str(path) for name, path in read.items()}, stamps)
             writer.finish(config=asked.config, upstream=upstream)

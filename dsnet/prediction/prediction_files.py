@@ -6,19 +6,18 @@ repeats `Model.step`, which runs the deployable graph.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bridge.errors import DsnetError
-from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
-from bridge.runs.artifact import DataOrigin
-from bridge.runs.files import MANIFEST, exclusive, runs_root
+from bridge.runs import Artifact, ArtifactWriter
 from dsnet.prediction.controls import Controls, controlled_body
+from dsnet.prediction.load_model import Source, name_of
 from dsnet.prediction.moving_body import MovedFrames, MovingBody
+from dsnet.prediction.out_folder import open_out_folder
 
 KIND = "prediction"
 WRITABLE = ("offsets", "offsets16", "vertices", "latents", "strip")
@@ -27,7 +26,7 @@ OF_ONE, OF_MANY = ("offsets", "vertices", "latents", "strip"), ("offsets",)
 
 
 def predict_motion(
-    run: Run | None,
+    source: Source,
     path: Path | str,
     out: Path | str,
     *,
@@ -42,8 +41,8 @@ def predict_motion(
 
     Parameters
     ----------
-    run : whose body and predictor; None for those that come with the package, of the motion's
-        gender.
+    source : whose body and predictor, as `load_model` takes it; None for those that come with the
+        package, of the motion's gender.
     path : AMASS `.npz`, BVH, or `sample:NAME`.
     out : folder to write, see `open_out_folder`: what is asked for, and `manifest.json`.
     predictor : which of the run's; the run's best when None.
@@ -59,12 +58,12 @@ def predict_motion(
     """
     path, controls = Path(path), controls or Controls()
     controls.check()
-    trained, motion = controls.load(run, predictor, path)
+    trained, motion = controls.load(source, predictor, path)
     moving = controlled_body(trained, motion, controls)
-    with open_out_folder(Path(out), trained.origin) as writer:
+    with open_out_folder(Path(out), trained.origin, KIND) as writer:
         moving.announce()
         fill_prediction(writer, moving, write, moving.shown("predict"), source=path.name)
-        config = {"run": run and run.name, "write": [*write]}
+        config = {"run": name_of(source), "write": [*write]}
         return writer.finish(config=config, upstream=trained.upstream)
 
 
@@ -113,60 +112,3 @@ def fill_prediction(
         starts_anew_at=[piece.start for piece in moving.pieces[1:]],
         **facts,
     )
-
-
-@contextmanager
-def open_out_folder(out: Path, origin: DataOrigin, kind: str = KIND) -> Iterator[ArtifactWriter]:
-    """A writer of the artifact of a kind that will be `out`; an exception leaves nothing.
-
-    A finished artifact replaces the folder of its name with all that is in it, so one that is in a
-    run, or holds anything but an earlier one of its kind, is refused; one process at a time writes.
-    """
-    out = out.resolve()
-    _refuse_foreign(out, kind)
-    try:
-        with exclusive(out, f"--out {out}", "Wait until it has ended, or name another folder."):
-            _refuse_foreign(out, kind)  # once more: it may have been filled before we were alone
-            yield ArtifactWriter(out, kind, data=origin)
-    except OSError as error:
-        raise DsnetError(
-            f"--out {out}, which cannot be written ({error.strerror or error})",
-            "a folder that can be made, on a disk with room",
-            "Name another folder.",
-        ) from error
-
-
-def _refuse_foreign(out: Path, kind: str) -> None:
-    if out.exists() and not out.is_dir():
-        raise DsnetError(f"--out {out}, a file", "a folder to write", "Name another path.")
-    if out.parent.parent == runs_root().resolve():
-        raise DsnetError(
-            f"--out {out}, a place for a stage of run {out.parent.name!r}",
-            "a folder outside of the runs",
-            "Name another folder.",
-        )
-    if out.is_dir() and (held := _foreign(out, kind)):
-        raise DsnetError(
-            f"--out {out}, which holds {held}",
-            f"a new or empty folder, or one of an earlier {kind} and nothing else",
-            "Name another folder.",
-        )
-
-
-def _foreign(out: Path, kind: str) -> str:
-    """What in a folder is not of an earlier artifact of a kind, empty if nothing is."""
-    there = min(out.iterdir(), default=None)
-    if there is None:
-        return ""
-    try:
-        artifact = read_artifact(out)
-    except DsnetError:
-        return f"other files such as {there.name}"
-    if artifact.manifest["kind"] != kind:
-        return f"an artifact of kind {artifact.manifest['kind']!r}"
-    own = {MANIFEST, *artifact.digests}
-    for path in sorted(out.rglob("*")):
-        name = path.relative_to(out).as_posix()
-        if name not in own and (path.is_symlink() or not path.is_dir()):
-            return f"{name} beside an earlier {kind}"
-    return ""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bridge.errors import DsnetError, did_you_mean
-from bridge.runs import Run
 from dsnet.prediction.controls import Controls
 from dsnet.prediction.predict_folder import predict_folder
 from dsnet.prediction.prediction_files import OF_MANY, OF_ONE, WRITABLE, predict_motion
@@ -18,8 +17,8 @@ class PredictConfig(Controls):
     """Predict how the skin of a body moves in one motion, or in all of a folder, and write it."""
 
     run: str | None = None
-    """Run whose predictor moves the skin; the small model that comes with the package when left
-    out, of the motion's gender."""
+    """Run whose predictor moves the skin, or a folder that `save` wrote; the small model that comes
+    with the package when left out, of the motion's gender."""
     predictor: str | None = None
     """Which of the run's; its best when left out: `dsnet_plus` if the run has it."""
     motion: Path | None = None
@@ -46,16 +45,21 @@ def main(config: PredictConfig) -> None:
         )
     if config.out is None:
         raise DsnetError("--motion without --out", "a folder to write", "Pass --out DIR.")
-    write = what_to_write(config.write, OF_MANY if config.motion.is_dir() else OF_ONE)
-    run = None if config.run is None else Run(config.run)
+    write = what_to_write(config.write, config.motion)
     predict = predict_folder if config.motion.is_dir() else predict_motion
     predict(
-        run, config.motion, config.out, predictor=config.predictor, controls=config, write=write
+        config.run,
+        config.motion,
+        config.out,
+        predictor=config.predictor,
+        controls=config,
+        write=write,
     )
 
 
-def what_to_write(asked: Sequence[str], otherwise: Sequence[str]) -> tuple[str, ...]:
-    """The words of `--write`, each of `WRITABLE`, in that order."""
+def what_to_write(asked: Sequence[str], motion: Path) -> tuple[str, ...]:
+    """The words of `--write`, each of `WRITABLE`, in that order; by default what is usual."""
+    otherwise = OF_MANY if motion.is_dir() else OF_ONE
     words = [word for text in asked for word in text.replace(",", " ").split()]
     if unknown := [word for word in words if word not in WRITABLE]:
         remedy = did_you_mean(unknown[0], WRITABLE, "Pass --write offsets,vertices.")

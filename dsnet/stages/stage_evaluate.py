@@ -24,7 +24,7 @@ from dsnet.markers.segments import CUT_HZ
 from dsnet.markers.skin import BANDS_HZ, Comparison, Row, compare_offsets
 from dsnet.prediction.load_model import load_model
 from dsnet.prediction.moving_body import MovingBody, persons_root_joint_m
-from dsnet.prediction.prediction_files import open_out_folder
+from dsnet.prediction.out_folder import open_out_folder
 from dsnet.prediction.shape_space import with_own_shape
 from dsnet.report.pages import render
 from dsnet.report.panels import save_figure

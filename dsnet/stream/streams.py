@@ -1,6 +1,6 @@
 """Characters who move while one watches: frame by frame, at any frame rate, who come and go.
 
-bodies = StreamingBodies(fps=90)  # or a run's: StreamingBodies("demo")
+bodies = dsnet.Stream(fps=90)  # or a run's: dsnet.Stream("demo")
 anna = bodies.join(betas)
 moved = bodies.step({anna: theta})[anna]  # .vertices_m, .offsets_m
 bodies.leave(anna)
@@ -8,7 +8,6 @@ bodies.leave(anna)
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count
@@ -26,9 +25,8 @@ from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import is_cut
 from bridge.motion.resampling import between, going_on
 from bridge.motion.smoothing import StreamSmoother
-from bridge.runs import Run
 from bridge.tissue.trained_plus import TrainedPlus
-from dsnet.prediction.load_model import body_asked, find_model, load_model
+from dsnet.prediction.load_model import Source, body_asked, find_model, load_model
 from dsnet.prediction.models import Model, PlusModel, finished
 from dsnet.prediction.moving_body import place_motion
 from dsnet.prediction.shape_space import with_own_shape
@@ -51,7 +49,7 @@ class MovedBody:
     """(100,) that the offsets are decoded from, if they are."""
 
 
-class StreamingBodies:
+class Stream:
     """Moves any number of persons frame by frame: skin offsets and posed vertices.
 
     Each has her own past: what is made of her is independent of who else is there (vertices within
@@ -70,8 +68,9 @@ class StreamingBodies:
 
     Parameters
     ----------
-    run : name of a run with a trained predictor, or a loaded `TrainedPlus`, then with its `body`;
-        None for the small model that comes with the package.
+    model : what `load_model` gives or takes: None for the small model that comes with the package,
+        a run's name, a folder that `TrainedModel.save` wrote; or a `TrainedPlus`, then with its
+        `body`.
     predictor : which of the run's; the run's best when None.
     body : the body model that moves, or its file or folder; `DSNET_BODY`, else the run's, when
         None.
@@ -82,7 +81,7 @@ class StreamingBodies:
 
     def __init__(
         self,
-        run: str | os.PathLike[str] | TrainedPlus | None = None,
+        model: Source | TrainedPlus = None,
         predictor: str | None = None,
         *,
         body: BodyModelData | Path | str | None = None,
@@ -93,17 +92,16 @@ class StreamingBodies:
         self._clock, self._smooth = FrameClock(fps), smooth
         if gender not in GENDERS:
             raise DsnetError(f"gender={gender!r}", " or ".join(GENDERS), "Pass one of these.")
-        if isinstance(run, TrainedPlus):
+        if isinstance(model, TrainedPlus):
             if not isinstance(body, BodyModelData):
                 raise DsnetError("a model without a body", "the body it moves", "Pass body=.")
-            self._model: Model = PlusModel(run, body)
+            self._model: Model = PlusModel(model, body)
         else:
-            of = None if run is None else Run(os.fspath(run))
             if isinstance(body, BodyModelData):
                 own = body.gender if body.gender in EMBEDDED_GENDERS else gender
-                self._model = find_model(of, predictor, own).open(body)
+                self._model = find_model(model, predictor, own).open(body)
             else:
-                found = load_model(of, predictor, gender, body_asked(body), more_betas=_MANY)
+                found = load_model(model, predictor, gender, body_asked(body), more_betas=_MANY)
                 self._model, body = found.model, found.body
         self._body, self._skin = body, Smpl(body, hands=False)
         self._characters: dict[int, _Character] = {}

@@ -18,7 +18,7 @@ SAYS = {
     "02_read_a_motion.py": "240 frames",
     "03_predict.py": "3.20 to  4.00 s",
     "04_stream.py": "still there: (1,)",
-    "05_gain.py": "{'gain': 0.5}",
+    "05_gain.py": "gain=0.5: up to",
     "06_export.py": "body.onnx: 25.1 MB",
     "07_train_on_your_own_meshes.py": "",
     "08_verify.py": "65,140 parameters",

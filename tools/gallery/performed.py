@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +15,6 @@ from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
 from bridge.motion.splits import kind_of
 from bridge.runs import Run
-from dsnet.prediction.models import Prediction
 from dsnet.prediction.moving_body import MovingBody
 from dsnet.view.clip_list import open_truth
 
@@ -52,8 +52,8 @@ class TrueBody(MovingBody):
         super().__init__(replace(beside.trained, label=TRUTH), beside.motion)
         self._offsets_m = offsets_m
 
-    def _predictions(self) -> list[Prediction]:
-        return [Prediction(iter([self._offsets_m]))]
+    def _offset_pieces(self) -> Iterator[NDArray[np.float32]]:
+        return iter([self._offsets_m])
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,7 +104,7 @@ def test_frames_go_to_the_disk_while_others_are_predicted(character, tmp_path, m
 def test_a_text_file_by_its_suffix(performed, tmp_path, monkeypatch):
     monkeypatch.setattr(
         "dsnet.exporters.stage_export._moving_bodies",
-        lambda config: [moving_body(performed.moving.trained, 2)],
+        lambda config, source: [moving_body(performed.moving.trained, 2)],
     )
     out = tmp_path / "body.usda"
     main(ExportConfig(to="usd", out=out))

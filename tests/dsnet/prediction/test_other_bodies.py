@@ -20,7 +20,7 @@ from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.load_model import TrainedModel, find_model, load_model
 from dsnet.prediction.moving_body import MovingBody
 from dsnet.prediction.shape_space import with_own_shape
-from dsnet.stream.streams import StreamingBodies
+from dsnet.stream.streams import Stream
 from dsnet.view.clip_list import open_repertoire
 from dsnet.view.scene import Scene
 from tests.forged.amass import save, smplh
@@ -76,7 +76,7 @@ def _hops(frames: int) -> np.ndarray:
 
 def test_the_environment_says_it_for_always(body_file, monkeypatch):
     monkeypatch.setenv("DSNET_BODY", str(body_file))
-    bodies = StreamingBodies()
+    bodies = Stream()
     assert load_model(None).body.name == HOME.name  # who asks for the package's model gets it
     who = bodies.join(np.zeros(10))
     moved = bodies.step({who: np.zeros(69)})[who]
@@ -86,9 +86,7 @@ def test_the_environment_says_it_for_always(body_file, monkeypatch):
 
 
 def test_a_stream_takes_a_body_by_its_file(body_file):
-    by_file, by_data = (
-        StreamingBodies(body=body) for body in (str(body_file), load_body_model(body_file))
-    )
+    by_file, by_data = (Stream(body=body) for body in (str(body_file), load_body_model(body_file)))
     theta = np.zeros(69)
     who = [bodies.join(np.zeros(10)) for bodies in (by_file, by_data)]
     for frame in range(12):
@@ -102,15 +100,15 @@ def test_a_stream_takes_a_body_by_its_file(body_file):
 
 
 def test_a_stream_moves_a_mans_body_as_a_mans():
-    bodies = StreamingBodies(body=load_body_model("embedded:male"))
+    bodies = Stream(body=load_body_model("embedded:male"))
     who = bodies.join(np.zeros(10))
     found = [bodies.step({who: pose})[who] for pose in np.linspace(np.zeros(69), 0.2, 9)]
-    of_men = StreamingBodies(gender="male")
+    of_men = Stream(gender="male")
     who = of_men.join(np.zeros(10))
     for moved, pose in zip(found, np.linspace(np.zeros(69), 0.2, 9), strict=True):
         np.testing.assert_array_equal(moved.offsets_m, of_men.step({who: pose})[who].offsets_m)
     with pytest.raises(DsnetError, match="gender='Male'; expected female or male"):
-        StreamingBodies(gender="Male")
+        Stream(gender="Male")
 
 
 def test_a_streamed_file_is_what_is_predicted_of_it(body_file, tmp_path, capsys):
@@ -120,7 +118,7 @@ def test_a_streamed_file_is_what_is_predicted_of_it(body_file, tmp_path, capsys)
     moving = controlled_body(trained, motion, Controls(body=body_file))
     expected_m = np.concatenate([posed.vertices_m for posed in moving])
     said = capsys.readouterr().err
-    bodies = StreamingBodies(body=body_file)
+    bodies = Stream(body=body_file)
     placed = bodies.placed(load_motion_file(path))
     assert capsys.readouterr().err in said
     who = bodies.join(placed.betas)
@@ -132,7 +130,7 @@ def test_a_streamed_file_is_what_is_predicted_of_it(body_file, tmp_path, capsys)
 def test_a_stream_takes_as_many_betas_as_a_body_file_has(tmp_path):
     person("smplh", shapes=16).save_smpl_npz(tmp_path / "SMPLH_FEMALE.npz")
     for asked in (tmp_path / "SMPLH_FEMALE.npz", load_body_model(tmp_path / "SMPLH_FEMALE.npz")):
-        bodies = StreamingBodies(body=asked)
+        bodies = Stream(body=asked)
         for count in (10, 13, 16):
             bodies.join(np.zeros(count))
         with pytest.raises(DsnetError, match=r"shape \(17,\); expected \(10,\) to \(16,\)"):

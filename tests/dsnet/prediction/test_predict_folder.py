@@ -205,7 +205,7 @@ def test_a_disk_that_fills_meanwhile_is_no_fault_of_a_motion(given, tmp_path, mo
 )
 def test_what_cannot_be_written_is_refused(asked, words):
     with pytest.raises(DsnetError, match=words):
-        what_to_write([asked], ["offsets"])
+        what_to_write([asked], Path("motions"))
 
 
 def killed_and_resumed(given: Path, out: Path, seconds: list[float], code: str = DSNET) -> int:

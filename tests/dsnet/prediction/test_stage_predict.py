@@ -20,7 +20,8 @@ from bridge.runs import read_artifact, write_artifact
 from dsnet.cli import main
 from dsnet.prediction.controls import Controls
 from dsnet.prediction.moving_body import place_motion
-from dsnet.prediction.prediction_files import open_out_folder, predict_motion
+from dsnet.prediction.out_folder import open_out_folder
+from dsnet.prediction.prediction_files import KIND, predict_motion
 from dsnet.verify.reference import dsnet
 from tests.dsnet.conftest import autoencoder_arrays
 from tests.forged.amass import save, smplh
@@ -263,7 +264,7 @@ def test_a_folder_that_is_being_written_is_not_taken(trained_run, motion, tmp_pa
     out = tmp_path / "out"
     command = [sys.executable, "-c", PREDICT, "predict", "--run", "r"]
     options = ["--motion", str(motion), "--out", str(out)]
-    with open_out_folder(out, "synthetic") as writer:
+    with open_out_folder(out, "synthetic", KIND) as writer:
         writer.put("latents", np.zeros(3), "1")
         done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
         writer.finish()

@@ -17,7 +17,7 @@ from bridge.motion import unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.smoothing import StreamSmoother
 from dsnet.prediction.models import DsnetModel, PlusModel, predict_whole
-from dsnet.stream.streams import MovedBody, StreamingBodies
+from dsnet.stream.streams import MovedBody, Stream
 from tests.forged.swaying import swaying
 
 BODY = load_body_model("embedded:female")
@@ -25,7 +25,7 @@ BETAS = np.linspace(-1, 1, 10)
 TIMES_S = np.arange(80) / 60
 
 
-def streamed(bodies: StreamingBodies, theta: np.ndarray, betas: np.ndarray) -> list[MovedBody]:
+def streamed(bodies: Stream, theta: np.ndarray, betas: np.ndarray) -> list[MovedBody]:
     """All frames of a motion."""
     who = bodies.join(betas)
     answers = [bodies.step({who: pose})[who] for pose in theta]
@@ -62,7 +62,7 @@ def flesh_with_static_part(flesh):
 @pytest.mark.parametrize("frames", [1, 2, 3, 80])
 def test_frame_by_frame_is_the_whole_motion(flesh, look_ahead, frames):
     model, theta = replace(flesh, look_ahead=look_ahead), swaying(TIMES_S[:frames])
-    bodies = StreamingBodies(model, body=BODY)
+    bodies = Stream(model, body=BODY)
     assert bodies.latency_frames == look_ahead
     assert bodies.latency_s == pytest.approx(look_ahead / 60)
     found = streamed(bodies, theta, BETAS)
@@ -77,8 +77,8 @@ def test_frame_by_frame_is_the_whole_motion(flesh, look_ahead, frames):
 def test_smoothed_bodies_are_those_of_the_smoothed_poses_three_frames_later(flesh, frames):
     rng = np.random.default_rng(0)
     theta = swaying(TIMES_S[:frames]) + rng.normal(0, 1e-3, (frames, 69))
-    bodies = StreamingBodies(flesh, body=BODY, smooth=True)
-    assert bodies.latency_frames == StreamingBodies(flesh, body=BODY).latency_frames + 3
+    bodies = Stream(flesh, body=BODY, smooth=True)
+    assert bodies.latency_frames == Stream(flesh, body=BODY).latency_frames + 3
     smoother = StreamSmoother(60.0)
     calm = [pose for pose in map(smoother.push, theta) if pose is not None]
     calm = np.stack([*calm, *smoother.finish()])
@@ -88,7 +88,7 @@ def test_smoothed_bodies_are_those_of_the_smoothed_poses_three_frames_later(fles
 
 def test_the_static_part_is_that_of_the_pose_answered(flesh_with_static_part):
     theta = swaying(TIMES_S[:20])
-    found = streamed(StreamingBodies(flesh_with_static_part, body=BODY), theta, BETAS)
+    found = streamed(Stream(flesh_with_static_part, body=BODY), theta, BETAS)
     expected = whole(partial(predict_whole, PlusModel(flesh_with_static_part, BODY)), theta)
     np.testing.assert_allclose(offsets_of(found), expected, atol=1e-5)
 
@@ -100,7 +100,7 @@ def test_after_a_cut_she_begins_anew(flesh, cuts, look_ahead):
     for cut in cuts:
         theta[cut:, 66] += 0.7
     model = replace(flesh, look_ahead=look_ahead)
-    found = streamed(StreamingBodies(model, body=BODY), theta, BETAS)
+    found = streamed(Stream(model, body=BODY), theta, BETAS)
     expected = whole(partial(predict_whole, PlusModel(model, BODY)), theta)
     np.testing.assert_allclose(offsets_of(found), expected, atol=1e-5)
 
@@ -110,7 +110,7 @@ def test_translations_in_centimetres_are_told_once(flesh, capsys, unit_per_m):
     theta = swaying(TIMES_S[:30])
     theta[:, 66] += 1.4 * TIMES_S[:30]  # she walks
     theta[:, 66:] *= unit_per_m
-    streamed(StreamingBodies(flesh, body=BODY), theta, BETAS)
+    streamed(Stream(flesh, body=BODY), theta, BETAS)
     told = capsys.readouterr().err.splitlines()
     assert ["in metres" in line for line in told] == [True] * (unit_per_m == 100)
 
@@ -119,20 +119,20 @@ def test_translations_in_centimetres_are_told_once(flesh, capsys, unit_per_m):
 @pytest.mark.parametrize("smooth", [False, True])
 def test_poses_that_come_again_are_told_once(flesh, capsys, each, again, smooth):
     theta = swaying(TIMES_S)[np.arange(80) // each]
-    streamed(StreamingBodies(flesh, body=BODY, smooth=smooth), theta, BETAS)
+    streamed(Stream(flesh, body=BODY, smooth=smooth), theta, BETAS)
     told = [line for line in capsys.readouterr().err.splitlines() if "repeats" in line]
     assert len(told) == (again is not None)
     assert all(f"a streamed body repeats {again} of 40 poses" in line for line in told)
 
 
 def test_who_stands_repeats_nothing(flesh, capsys):
-    streamed(StreamingBodies(flesh, body=BODY), swaying(TIMES_S)[[*range(10), *[10] * 50]], BETAS)
+    streamed(Stream(flesh, body=BODY), swaying(TIMES_S)[[*range(10), *[10] * 50]], BETAS)
     assert "repeats" not in capsys.readouterr().err
 
 
 def test_who_joins_leaves_or_waits_disturbs_nobody(flesh):
     """Four persons, each there at other times; one is not named at every third step."""
-    bodies = StreamingBodies(flesh, body=BODY)
+    bodies = Stream(flesh, body=BODY)
     motions = [swaying(TIMES_S[: 14 + 7 * seed], seed) for seed in range(4)]
     shapes = np.random.default_rng(3).normal(0, 1, (4, 10))
     there: dict[int, tuple[int, Iterator[np.ndarray]]] = {}
@@ -156,7 +156,7 @@ def test_who_joins_leaves_or_waits_disturbs_nobody(flesh):
     assert not there
     assert bodies.characters == ()
     for theta, betas, moved in zip(motions, shapes, found, strict=True):
-        alone = streamed(StreamingBodies(flesh, body=BODY), theta, betas)
+        alone = streamed(Stream(flesh, body=BODY), theta, betas)
         together = moved[bodies.latency_frames :]
         np.testing.assert_allclose(offsets_of(together), offsets_of(alone), atol=1e-6)
         for one, other in zip(together, alone, strict=True):
@@ -190,7 +190,7 @@ REFUSED: dict[str, Any] = {
 def test_poses_that_are_none_are_refused_and_nothing_has_moved(flesh):
     """One before each step, of the second of two characters; the first's is a pose."""
     theta = swaying(TIMES_S[: len(REFUSED)])
-    disturbed, undisturbed = (StreamingBodies(flesh, body=BODY) for _ in range(2))
+    disturbed, undisturbed = (Stream(flesh, body=BODY) for _ in range(2))
     pairs = [[bodies.join(BETAS) for _ in range(2)] for bodies in (disturbed, undisturbed)]
     for row, refused in enumerate(REFUSED.values()):
         pose: np.ndarray = theta[row]
@@ -209,14 +209,14 @@ def test_poses_that_are_none_are_refused_and_nothing_has_moved(flesh):
     "betas", [np.full(10, np.nan), np.full(10, 1e10), np.full(10, 1e308), np.zeros(16), "tall"]
 )
 def test_a_shape_that_is_nobodys_is_refused(flesh, betas):
-    bodies = StreamingBodies(flesh, body=BODY)
+    bodies = Stream(flesh, body=BODY)
     with pytest.raises(DsnetError, match="betas"):
         bodies.join(betas)
     assert bodies.characters == ()
 
 
 def test_who_is_not_there_is_refused(flesh):
-    bodies = StreamingBodies(flesh, body=BODY)
+    bodies = Stream(flesh, body=BODY)
     gone, stays = bodies.join(BETAS), bodies.join(BETAS)
     assert list(bodies.leave(gone)) == []
     for ask in (lambda: bodies.step({stays: POSE, gone: POSE}), lambda: bodies.leave(gone)):
@@ -229,30 +229,30 @@ def test_who_is_not_there_is_refused(flesh):
 def test_answers_and_arguments_are_the_callers_own(flesh):
     theta = swaying(TIMES_S[:6])
     kept = theta.copy()
-    bodies = StreamingBodies(flesh, body=BODY)
+    bodies = Stream(flesh, body=BODY)
     who = bodies.join(BETAS)
     for pose in theta:
         moved = bodies.step({who: pose})[who]
         moved.vertices_m[:] = moved.offsets_m[:] = pose[:] = np.nan
-    last = streamed(StreamingBodies(flesh, body=BODY), kept, BETAS)[-1]
+    last = streamed(Stream(flesh, body=BODY), kept, BETAS)[-1]
     np.testing.assert_array_equal(next(bodies.leave(who)).vertices_m, last.vertices_m)
 
 
 def test_a_runs_best_predictor_by_its_name(plus_run, flesh):
     theta = swaying(TIMES_S[:5])
-    by_name = streamed(StreamingBodies(plus_run.name), theta, BETAS)
-    given = streamed(StreamingBodies(flesh, body=BODY), theta, BETAS)
+    by_name = streamed(Stream(plus_run.name), theta, BETAS)
+    given = streamed(Stream(flesh, body=BODY), theta, BETAS)
     np.testing.assert_array_equal(offsets_of(by_name), offsets_of(given))
     assert by_name[0].latents is None
     with pytest.raises(DsnetError, match="'nope' asked of run"):
-        StreamingBodies(plus_run.name, "nope")
+        Stream(plus_run.name, "nope")
 
 
 def test_dsnet_gives_latents_too(trained_run, trained):
     """The paper's pipeline, with a cut: from no past again."""
     theta = swaying(TIMES_S[:40])
     theta[25:, 66] += 0.7
-    bodies = StreamingBodies(trained_run.name, "dsnet_standardised")
+    bodies = Stream(trained_run.name, "dsnet_standardised")
     assert bodies.latency_frames == 0
     bodies.join(np.zeros(10))
     found = streamed(bodies, theta, BETAS)
@@ -266,4 +266,4 @@ def test_dsnet_gives_latents_too(trained_run, trained):
 
 def test_a_model_needs_its_body(flesh):
     with pytest.raises(DsnetError, match="body="):
-        StreamingBodies(flesh)
+        Stream(flesh)

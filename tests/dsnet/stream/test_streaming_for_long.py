@@ -17,7 +17,7 @@ from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_PARENTS
 from bridge.exchange.dsnet import TrainedDsnet
 from dsnet.stream.streaming_predictor import StreamingPredictor
-from dsnet.stream.streams import StreamingBodies
+from dsnet.stream.streams import Stream
 from tests.forged.plus import soft_flesh
 from tests.forged.swaying import swaying
 
@@ -66,7 +66,7 @@ class Company:
     """A stream with somebody who stays, somebody who comes and goes, and cuts."""
 
     def __init__(self, body: BodyModelData, fps: float) -> None:
-        self.bodies = StreamingBodies(soft_flesh(body, nodes=12), body=body, fps=fps)
+        self.bodies = Stream(soft_flesh(body, nodes=12), body=body, fps=fps)
         self.stays, self.guest = self.bodies.join(np.zeros(10)), self.bodies.join(np.ones(10))
         self.poses = swaying(np.arange(600) / fps)
         self.poses[:, 66] += 0.6 * (np.arange(600) // 200)

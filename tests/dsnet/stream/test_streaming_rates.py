@@ -12,7 +12,7 @@ from bridge.body import load_body_model
 from bridge.motion import pack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from dsnet.prediction.models import PlusModel, predict_whole
-from dsnet.stream.streams import StreamingBodies
+from dsnet.stream.streams import Stream
 from tests.forged.amass import load_as_it_lies, save, smplh
 from tests.forged.swaying import swaying
 
@@ -22,7 +22,7 @@ BETAS = np.linspace(-1, 1, 10)
 
 def streamed(model, theta: np.ndarray, fps: float) -> np.ndarray:
     """Offsets of all frames."""
-    bodies = StreamingBodies(model, body=BODY, fps=fps)
+    bodies = Stream(model, body=BODY, fps=fps)
     who = bodies.join(BETAS)
     answers = [bodies.step({who: pose})[who] for pose in theta]
     late = [*answers[bodies.latency_frames :], *bodies.leave(who)]
