@@ -26,7 +26,7 @@ def test_the_pages_numbers_are_the_results() -> None:
     assert f"{left:.2f} and {right:.2f}" in said
     readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
     hers, its = (f"{one[0]:.0f} and {one[1]:.0f}" for one in (sizes, moved))
-    assert f"{its} mm where hers moves {hers} (R² {left:.2f} and {right:.2f})" in readme
+    assert f"by {its} mm where hers moves {hers} (R² {left:.2f} and {right:.2f})" in readme
 
 
 def test_what_a_fitted_pose_costs_is_the_benchmarks() -> None:

@@ -15,6 +15,7 @@ from packaging.requirements import Requirement
 
 from bridge.runs import read_artifact
 from tests.forged.amass import save, smplh
+from tests.pages import python_blocks
 from tests.sources import PACKAGES
 from tools.built_wheel import asked_by, build_wheel
 
@@ -62,6 +63,14 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     install = ["-m", "pip", "--quiet", "install", "--no-deps", "--no-index", wheel]
     execute([folder / "empty" / "bin" / "python", *install], folder)
     return folder / "empty" / "bin"
+
+
+def test_the_first_lines_of_readme_work(environment: Path, tmp_path: Path) -> None:
+    code = python_blocks("README.md")[0] + "assert vertices_m.shape[1:] == (6890, 3)"
+    done = execute([environment / "python", "-W", "error", "-c", code], tmp_path)
+    assert done.returncode == 0, done.stderr
+    command = [environment / "dsnet", "predict", "--motion", "sample:walking", "--out", "OUT"]
+    assert execute(command, tmp_path).returncode == 0
 
 
 def test_it_holds_no_framework(environment):
