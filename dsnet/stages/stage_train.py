@@ -11,6 +11,7 @@ from tyro.conf import Fixed
 from bridge.errors import DsnetError, notify
 from bridge.exchange.dsnet import DSNETS
 from bridge.exchange.train_options import NetworksRecord, TrainPlusConfig
+from bridge.installation import require_packages_of
 from bridge.options import PositiveInt
 from bridge.plugins import entry_named
 from bridge.runs import Run
@@ -63,6 +64,7 @@ def main(config: TrainConfig) -> None:
             )
         train_on_markers(run, config.markers)
         return
+    require_packages_of("tf_dsnet")  # before a run is looked for that only it could train
     names = config.predictors or _trainable(run)
     networks = [name for name in names if name != PLUS]
     for name in names:

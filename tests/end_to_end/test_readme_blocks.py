@@ -23,8 +23,6 @@ def test_the_readmes_python_works(
     smoke_runs: Path, execute, block: str, holds: str, model: str
 ) -> None:
     """With the package's model, and with a run's."""
-    code = block.replace("Stream(", f"Stream({model}").replace(
-        "animate(motion, ", f"animate(motion, {model}"
-    )
+    code = block.replace("Stream(", f"Stream({model}").replace("(motion, ", f"(motion, {model}")
     done = execute([sys.executable, "-W", "error", "-c", f"{code}\n{holds}"], smoke_runs)
     assert done.returncode == 0, done.stderr
