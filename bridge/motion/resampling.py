@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from bridge.errors import DsnetError
@@ -179,6 +178,8 @@ def _curved(
     pose: NDArray, values: NDArray, source_s: NDArray, at_s: NDArray
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The same on cubic splines."""
+    from scipy.interpolate import CubicSpline  # of slow files alone
+
     turns = CubicSpline(source_s, continuous_quaternions(pose))(at_s)
     turned = Rotation.from_quat(turns.reshape(-1, 4)).as_rotvec()
     moved = np.asarray(CubicSpline(source_s, values)(at_s), np.float64)

@@ -22,8 +22,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import ShortTimeFFT, butter, sosfiltfilt
-from scipy.signal.windows import hann
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
@@ -94,6 +92,9 @@ def noise_cutoff_hz(pose: NDArray, trans_m: NDArray, fps: float) -> NDArray[np.f
         return np.full(len(pose), no_noise_hz(fps))
     moved = _accelerations(pose, trans_m, fps)
     size = max(round(_WINDOW_S * fps), _FEWEST_FRAMES)
+    from scipy.signal import ShortTimeFFT  # a second to load, for those who smooth
+    from scipy.signal.windows import hann
+
     window = hann(min(size, len(moved)), sym=False)
     transform = ShortTimeFFT(window, max(round(_HOP_S * fps), 1), fps, mfft=2 * size)
     spectra = transform.spectrogram(moved, axis=0, padding="even").sum(axis=1)  # (f, times)
@@ -218,6 +219,8 @@ def _calmed(
 def _low_passed(values: NDArray[np.floating], hz: float, fps: float) -> NDArray[np.floating]:
     if len(values) < 2:
         return values
+    from scipy.signal import butter, sosfiltfilt  # as above
+
     sections = np.asarray(butter(2, hz, fs=fps, output="sos"))
     padded = min(_PADDED_FRAMES, len(values) - 1)
     return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=padded))

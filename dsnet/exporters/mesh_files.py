@@ -14,9 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
-from trimesh.exchange.ply import export_ply
 
 from bridge.body import BodyModelData
 from bridge.body.surface_operators import vertex_normals
@@ -45,6 +43,9 @@ def write_obj(folder: Path, moving: MovingBody) -> None:
 
 def write_ply(folder: Path, moving: MovingBody) -> None:
     """Write `frame_00000.ply`, ..., binary, with the size of each vertex's skin offset."""
+    import trimesh  # a second to load, which the other formats need not
+    from trimesh.exchange.ply import export_ply
+
     comment = about_in_a_line(moving)
     for number, (vertices_m, normals, sizes_m) in enumerate(surfaces(moving, "ply")):
         mesh = trimesh.Trimesh(

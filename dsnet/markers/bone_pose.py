@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
@@ -144,5 +143,8 @@ def _slow(series: NDArray, fps: float) -> NDArray[np.float64]:
     """What is slower than noise, of (T, ...)."""
     if fps <= 2 * _NOISE_HZ:
         return np.asarray(series, np.float64)
+    # Every prediction imports this module, and few have markers: SciPy's filters load slowly.
+    from scipy.signal import butter, sosfiltfilt
+
     low = butter(2, _NOISE_HZ, fs=fps, output="sos")
     return np.asarray(sosfiltfilt(low, series, axis=0), np.float64)

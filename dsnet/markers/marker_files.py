@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
@@ -210,6 +208,10 @@ def _resampled(points: NDArray, fps: float, to_fps: float, count: int) -> NDArra
         return points
     if len(points) == 1:
         return points.repeat(count, axis=0)
+    # Every prediction imports this module, and few have markers: these load slowly.
+    from scipy.interpolate import CubicSpline
+    from scipy.signal import butter, sosfiltfilt
+
     if fps > 1.5 * to_fps:  # what is faster than the new rate can hold would fold back
         low = butter(4, 0.45 * to_fps, fs=fps, output="sos")
         padded = min(_PADDED_FRAMES, len(points) - 1)

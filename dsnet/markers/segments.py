@@ -13,8 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
-from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
@@ -162,6 +160,8 @@ def bridged(points: NDArray, seen: NDArray[np.bool_]) -> NDArray[np.float64]:
     if seen.all() or seen.sum() < 2:
         return out
     frames = np.arange(len(out))
+    from scipy.interpolate import PchipInterpolator
+
     curve = PchipInterpolator(frames[seen], out[seen])
     out[~seen] = curve(np.clip(frames[~seen], frames[seen][0], frames[seen][-1]))
     return out
@@ -169,6 +169,9 @@ def bridged(points: NDArray, seen: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 def faster(series: NDArray, fps: float) -> NDArray[np.float64]:
     """(T, 3) what is faster than `CUT_HZ`, without delay."""
+    # Every prediction imports this module, and few have markers: SciPy's filters load slowly.
+    from scipy.signal import butter, sosfiltfilt
+
     high = butter(2, CUT_HZ, "high", fs=fps, output="sos")
     return np.asarray(sosfiltfilt(high, series - series.mean(axis=0), axis=0), np.float64)
 
