@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 import tyro
 
 from bridge.errors import InterruptedWorkError
-from bridge.installation import require_packages_of
 from bridge.processes import Terminated, exit_with_one_line, outcome_of_module
 
 Config = TypeVar("Config")
@@ -24,7 +23,6 @@ def run_as_process(config_type: type[Config], main: Callable[[Config], Any]) -> 
 
 def run_module(module: str, *arguments: str) -> None:
     """Run `python -m module arguments`; a child that failed has said why, so pass on its status."""
-    require_packages_of(module)
     status, _ = outcome_of_module(module, *arguments, quiet=False)
     if status == -signal.SIGTERM:
         raise Terminated

@@ -79,7 +79,7 @@ def exit_with_one_line(*, answer_signals: bool = True) -> Iterator[None]:
             try:
                 yield
             except BaseException:
-                if raised:  # A library may have made another exception of it.
+                if raised:  # A library, or a lock let go, may have made another exception of it.
                     raise raised[0] from None
                 raise
             finally:
@@ -139,15 +139,15 @@ def _be_deaf() -> None:
 def _signals_answered(raised: list[KeyboardInterrupt]) -> Iterator[None]:
     """For SIGINT and SIGTERM, unless they are ignored, the work under way is undone, once.
 
-    What undoes it is put into `raised`. Where it would be swallowed or do harm, the signals come
-    again a little later. Who has waited in vain for the work to be undone ends the process at once.
+    What undoes it is put into `raised`. Where it would be swallowed, the signals come again a
+    little later. Who has waited in vain for the work to be undone ends the process at once.
     """
     before: dict[int, Any] = {}
     began = 0.0
 
     def answer(number: int, frame: FrameType | None) -> None:
         nonlocal began
-        if _is_untimely(frame):
+        if _is_loading(frame):
             _come_again(number)
         elif not raised:
             began = time.monotonic()
@@ -187,17 +187,11 @@ def _come_again(number: int) -> None:
     again.start()
 
 
-def _is_untimely(frame: FrameType | None) -> bool:
-    """While a library loads, which may swallow an exception, and while a condition lets go of its
-    lock, which it would not take again: as it comes to its `try`, it has `saved_state`."""
-    while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
-            return True
-        is_waiting = frame.f_code is threading.Condition.wait.__code__
-        if is_waiting and "saved_state" not in frame.f_locals:
-            return True
+def _is_loading(frame: FrameType | None) -> bool:
+    """Whether a library loads, which may swallow an exception."""
+    while frame and not frame.f_code.co_filename.startswith("<frozen importlib"):
         frame = frame.f_back
-    return False
+    return frame is not None
 
 
 @contextmanager

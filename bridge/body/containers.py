@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors import safe_open
 
-from bridge.body.pickled_arrays import MOST_BYTES
-from bridge.body.safe_pickle import load_restricted, load_restricted_item
-from bridge.body.torch_files import load_torch
+from bridge.body.pickled_arrays import MOST_BYTES, Record, whole_numbers
+from bridge.body.safe_pickle import STORAGES, Global, load_restricted, load_restricted_item
 from bridge.errors import DsnetError
 from bridge.paper import DMPL_DIRECTIONS, N_VERTICES
 from bridge.runs.untrusted import (
@@ -35,6 +34,8 @@ from bridge.runs.untrusted import (
 MOST_FILE_BYTES = 1 << 30
 _MOST_NUMBERS = 1 << 27
 """Of all arrays that are read: as float64 they take a gigabyte."""
+_MOST_TENSORS = 10_000
+"""Of a list in a torch file."""
 MODELS = "They are at smpl.is.tue.mpg.de, mano.is.tue.mpg.de and smpl-x.is.tue.mpg.de"
 TEXTURE = "vt", "ft"
 """Fields that a file may have for pictures; nobody needs them."""
@@ -45,10 +46,9 @@ _TEXT = rb"(?=[ -~]*[ :{])[\t\n\r -~]+\Z"
 _STRANGERS: tuple[tuple[bytes, str, str], ...] = (
     (rb"\Z", "an empty file", _AGAIN),
     (rb"\0{64}", "zeros, no body: a download that broke off", _AGAIN),
-    (rb"version https://git-lfs", "git-lfs's pointer to a file, not the file",
-     "Run `git lfs pull` in the repository that it lies in"),
-    (rb"/annex/objects/|[./]*/\.git/annex", "git-annex's pointer to a file, not the file",
-     "Run `git annex get` in the repository that it lies in"),
+    (rb"version https://git-lfs|/annex/objects/|[./]*/\.git/annex",
+     "git-lfs's or git-annex's pointer to a file, not the file",
+     "Run `git lfs pull` or `git annex get` in the repository that it lies in"),
     (rb"(\xef\xbb\xbf)?\s*<", "a web page, saved under the file's name",
      "Sign in at the site that has it, and download it again"),
     (rb"\x1f\x8b|x[\x01\x5e\x9c\xda]|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!|.{257}ustar",
@@ -58,7 +58,6 @@ _STRANGERS: tuple[tuple[bytes, str, str], ...] = (
      "Pass the model file that it was made from"),
     (rb"\x89HDF", "an HDF5 file", "Meshes of Dyna and D-FAUST go to --dyna"),
     (rb"\x80\x02\x8a\nl\xfc\x9cF", "an old file of PyTorch's", "Save its arrays as .npz"),
-    (rb"MATLAB", "a file of MATLAB's (.mat)", "Pass the .pkl or .npz for Python users"),
 )  # fmt: skip
 """What begins so, what it is, and what helps."""
 
@@ -164,6 +163,52 @@ def _dictionary(path: Path, found: Any) -> Mapping[str, Any]:
         name.decode("latin1") if isinstance(name, bytes) else str(name): value
         for name, value in found.items()
     }
+
+
+def load_torch(file: IO[bytes]) -> Any:
+    """What `torch.save` wrote, with arrays in place of tensors; PyTorch is not needed."""
+    with zipfile.ZipFile(file) as archive:
+        (inside,) = (name for name in archive.namelist() if name.endswith("data.pkl"))
+        if archive.getinfo(inside).file_size > MOST_BYTES:
+            raise ValueError("a pickle beyond all measure")
+        with archive.open(inside) as stream:
+            found = load_restricted(stream, of_torch=True)
+        return _filled(found, archive, inside.removesuffix("data.pkl"), depth=4)
+
+
+def _filled(value: Any, archive: zipfile.ZipFile, folder: str, depth: int) -> Any:
+    if isinstance(value, dict) and depth:
+        return {n: _filled(v, archive, folder, depth - 1) for n, v in value.items()}
+    if isinstance(value, list) and depth:
+        return [_filled(v, archive, folder, depth - 1) for v in value[:_MOST_TENSORS]]
+    if (parts := _parts_of(value)) is None:
+        return value
+    name, dtype, begin, shape, strides = parts
+    info = archive.getinfo(f"{folder}data/{name}")
+    if info.file_size > MOST_BYTES or info.compress_type != zipfile.ZIP_STORED:
+        raise ValueError(f"a tensor of {info.file_size} bytes")
+    if len(strides) != len(shape) or math.prod(shape) * dtype.itemsize > MOST_BYTES:
+        raise ValueError(f"a tensor of shape {shape}")
+    numbers = np.frombuffer(archive.read(info), dtype)
+    last = begin + sum((size - 1) * step for size, step in zip(shape, strides, strict=True))
+    if begin < 0 or (math.prod(shape) and last >= len(numbers)):
+        raise ValueError("a tensor beyond its numbers")
+    if not math.prod(shape):
+        return np.empty(shape, dtype)
+    steps = tuple(step * dtype.itemsize for step in strides)
+    return np.lib.stride_tricks.as_strided(numbers[begin:], shape, steps, writeable=False).copy()
+
+
+def _parts_of(value: Any) -> tuple[str, np.dtype, int, tuple[int, ...], tuple[int, ...]] | None:
+    """Of a tensor in a torch file: the name of its numbers, their type, where it begins, its shape
+    and strides; None of anything else."""
+    match value:
+        case Record("tensor", (Record("storage", (stored,)), int(at), shape, strides, *_)):
+            _, kind, name, *_ = stored
+            if isinstance(kind, Global) and kind.kind in STORAGES.values():
+                sizes = whole_numbers(shape), whole_numbers(strides)
+                return str(name), np.dtype(f"<{kind.kind}"), at, *sizes
+    return None
 
 
 def load_dmpl_directions(path: str | Path) -> NDArray[np.float64]:

@@ -76,7 +76,7 @@ def load_restricted(
 ) -> Any:
     """Unpickle arrays, sparse matrices, chumpy objects and plain containers.
 
-    `of_torch`: the pickle in a torch file, whose tensors stay records: `bridge.body.torch_files`.
+    `of_torch`: the pickle in a torch file, whose tensors stay records: `containers.load_torch`.
     """
     stack: list[Any] = []
     marked: list[list[Any]] = []  # stacks below each mark

@@ -90,13 +90,6 @@ class Artifact:
         known = stamp and stamp == self.manifest["provenance"].get("stamps", {}).get(name)
         return recorded if known else sha256_of(path)
 
-    def is_there(self) -> bool:
-        """Whether its folder still holds it, not another one or nothing; its files are not read."""
-        try:
-            return read_artifact(self.path).content_sha256 == self.content_sha256
-        except DsnetError:
-            return False
-
     def verify(self) -> None:
         """Read all again; refuse what is not as written, and files that the manifest lacks."""
         for name, expected in self.digests.items():

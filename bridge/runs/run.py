@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -187,8 +187,7 @@ class Run:
                 return current
             fingerprint = json_sha256([SCHEMA_VERSION, stage, settings, digests])
             writer = ArtifactWriter(self.path / stage, stage, data=data, fingerprint=fingerprint)
-            with _told_if_remade(upstream):
-                make(writer)
+            make(writer)
             writer.record_inputs(places, stamps)
             return writer.finish(config=settings, upstream=digests)
 
@@ -213,22 +212,6 @@ class Run:
         what = f"stage {stage!r} of run {self.name!r}"
         remedy = "Wait until it has ended, or pass another --run."
         return exclusive(self.path / stage, what, remedy, resumed=resumed)
-
-
-@contextmanager
-def _told_if_remade(upstream: Mapping[str, Artifact | Path]) -> Iterator[None]:
-    """What work fails with whose inputs another process makes anew meanwhile says nothing."""
-    try:
-        yield
-    except Exception as error:
-        if isinstance(error, DsnetError):
-            raise
-        for name, source in upstream.items():
-            if isinstance(source, Artifact) and not source.is_there():
-                received = f"{source.path}, which another process made anew meanwhile"
-                expected = f"the {name!r} that the work began with"
-                raise DsnetError(received, expected, "Run the same command again.") from error
-        raise
 
 
 def best_alignment_of(run: Run) -> str | None:

@@ -21,13 +21,14 @@ from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.errors import DsnetError, notify, unknown_name
 from bridge.motion import Motion, load_motion_file, pack_theta
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.motion import HowRead, Up
+from bridge.motion.motion import HowRead
 from bridge.motion.skeletons import read_joint_map
-from bridge.options import Bounds, PositiveFloat, check_options, numbers_by_name
+from bridge.options import Bounds, check_options, numbers_by_name
 from bridge.paper import FPS, N_BETAS
 from dsnet.markers.bone_pose import bony_pose
 from dsnet.prediction.load_model import Source, TrainedModel, body_asked, load_model
 from dsnet.prediction.loops import REMEDY, Lap, close_lap
+from dsnet.prediction.motion_options import MotionOptions
 from dsnet.prediction.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
 from dsnet.prediction.shape_space import with_own_shape
 from dsnet.prediction.shapes import find_shape, parse_shape
@@ -39,7 +40,7 @@ _LEGS = ("left_hip", "right_hip")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Controls:
+class Controls(MotionOptions):
     """How a body moves; what is left at its default changes nothing."""
 
     gain: Annotated[float, GAINS] = 1.0
@@ -57,23 +58,6 @@ class Controls:
     by measurement, in cm and kg: height=182 weight=80 chest=100 waist=90 hips=105; or both."""
     betas: str | None = None
     """Body shape in place of the motion file's: ten comma-separated coefficients."""
-    body: Path | None = None
-    """Another body than the predictor was trained on, or DSNET_BODY for always: an SMPL, SMPL-H or
-    SMPL-X model file, a folder of them, or `embedded:male`; for `dsnet_plus`."""
-    gender: Literal["female", "male", "neutral"] | None = None
-    """Of the body, where the motion file says none or another."""
-    pose: Literal["file", "bony"] = "file"
-    """`bony`: the chest follows the file's markers on bone; a pose that was fitted to all of them,
-    as AMASS's, holds part of the bounce, which predicted flesh would then count twice."""
-    motion_fps: PositiveFloat | None = None
-    """Frames per second of the motion file, where it says none or a wrong one."""
-    up: Up = "auto"
-    """Vertical axis of the motion file; `auto`: the one along which its bodies stand."""
-    joint_map: Path | None = None
-    """Text file that says which joint of a BVH is which, `left_hip = Bip01 L Thigh` a line."""
-    smooth_hz: PositiveFloat | Literal["auto"] | None = None
-    """Leave out what is faster in the motion: the noise of a recording shakes the skin. `auto`
-    finds the cutoff that suits each moment."""
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Controls:

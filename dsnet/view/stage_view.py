@@ -5,16 +5,16 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from bridge.errors import notify
-from bridge.motion.motion import Up
-from bridge.options import Bounds, PositiveFloat, check_options
+from bridge.options import Bounds, check_options
 from bridge.runs import Run
+from dsnet.prediction.motion_options import MotionOptions
 
 
-@dataclass(frozen=True)
-class ViewConfig:
+@dataclass(frozen=True, kw_only=True)
+class ViewConfig(MotionOptions):
     """Show SMPL alone, predictions and the truth in a browser, alive: the model runs in the page.
 
     Its knobs are gains, shape, loop, floor and speed; `dsnet export --to html` writes the same page
@@ -23,23 +23,8 @@ class ViewConfig:
     run: str | None = None
     """Run whose predictors and motions are shown; the small model that comes with the package
     when left out, of the motion's gender."""
-    body: Path | None = None
-    """Another body than the predictor was trained on, or DSNET_BODY for always: an SMPL, SMPL-H or
-    SMPL-X model file, or a folder of them."""
-    gender: Literal["female", "male", "neutral"] | None = None
-    """Of the body, where the motion file says none or another."""
     motion: Path | None = None
     """AMASS `.npz`, a BVH, or a sample such as `sample:walking`, that is shown first."""
-    motion_fps: PositiveFloat | None = None
-    """Frames per second of the motion file, where what it says of itself is wrong."""
-    smooth_hz: PositiveFloat | Literal["auto"] | None = None
-    """Leave out what is faster in the motion file."""
-    up: Up = "auto"
-    """Vertical axis of the motion file; `auto`: the one along which its bodies stand."""
-    joint_map: Path | None = None
-    """Text file that says which joint of a BVH is which, `left_hip = Bip01 L Thigh` a line."""
-    pose: Literal["file", "bony"] = "file"
-    """`bony`: the chest follows the motion file's markers on bone."""
     port: Annotated[int, Bounds(0, 65535)] = 8080
     """Port to serve on, for this machine alone; 0 takes any that is free."""
 
@@ -57,8 +42,7 @@ def main(config: ViewConfig) -> None:
     from dsnet.view.scene import Scene
 
     run = None if config.run is None else Run(config.run)
-    names = {field.name for field in fields(Controls)} & set(vars(config))
-    asked = Controls(**{name: getattr(config, name) for name in names})
+    asked = Controls(**{one.name: getattr(config, one.name) for one in fields(MotionOptions)})
     repertoire = open_repertoire(run, config.motion, asked)
     with serving(Scene(repertoire), config.port) as address:
         notify(f"{repertoire.best.owner}: open {address} in a browser; Ctrl-C ends it")

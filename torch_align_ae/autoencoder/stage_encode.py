@@ -1,4 +1,4 @@
-"""`dsnet encode`: every frame's offsets as latents, with their scale (Section 4.1)."""
+"""`dsnet encode`: every frame's offsets as latents (Section 4.1)."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from bridge.errors import DsnetError
-from bridge.exchange.dsnet import AUTOENCODER, LATENTS_OF, UNITS
+from bridge.exchange.dsnet import LATENTS_OF, UNITS
 from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.workers import on_any_node, progress
@@ -20,8 +19,7 @@ from torch_align_ae.workers import torch_workers
 class EncodeConfig:
     """Encode all aligned offsets: about 2 ms a frame on two cores, 1 GB of memory.
 
-    Gives the latents that DSNet learns to predict, with their mean and standard deviation, and
-    those of the linear codes.
+    Gives the latents that DSNet learns to predict, and those of the linear codes.
     """
 
     run: str = "demo"
@@ -56,16 +54,6 @@ def _make(align: Artifact, trained: Artifact, writer: ArtifactWriter) -> None:
         done = pool.map(encode, sequences)
         for _ in progress(done, what="encode", unit="sequence", total=len(sequences)):
             pass
-    known = [latents[AUTOENCODER].read(s.frames) for s in sequences if s.split == "train"]
-    if not known:
-        raise DsnetError(
-            "aligned sequences of which none is for training",
-            "at least one sequence besides the validation sequence",
-            "Align more sequences, or name another validation sequence: dsnet align --help.",
-        )
-    training = np.concatenate(known).astype(np.float64)
-    writer.put("latent_mean", training.mean(axis=0).astype(np.float32), "1")
-    writer.put("latent_std", training.std(axis=0).astype(np.float32), "1")
     writer.put("theta", align.array("theta"), "rad, then m")
     writer.put("betas", align.array("betas"), "1")
     writer.record(sequences=to_manifest(sequences))

@@ -52,7 +52,7 @@ from torch_align_ae.autoencoder.training import (
     keep_freed_memory,
     multiplies_bfloat16,
 )
-from torch_align_ae.workers import device, joined_by_torchrun, leads, told
+from torch_align_ae.workers import device
 
 PresetName = Literal["literal", "measured", "short"]
 PrecisionName = Literal["auto", "bfloat16", "float32"]
@@ -106,9 +106,6 @@ PRESETS: dict[PresetName, TrainingPreset] = {
 class TrainAutoencoderConfig(Pace):
     """Train the mesh autoencoder: about 0.4 s a step of 64 frames on two cores that multiply
     bfloat16, twice that in float32; 1.5 GB of memory.
-
-    Several processes, on several machines that see the same runs, share each batch when torchrun
-    starts them: `torchrun --nproc-per-node 2 --no-python sh -c "dsnet train-ae --run RUN"`.
 
     Gives `autoencoder.safetensors` (weights and normaliser), `pca.safetensors`, the linear code of
     the same frames and size, the losses, and the share of the validation offsets' energy that both
@@ -177,16 +174,8 @@ def main(config: TrainAutoencoderConfig) -> None:
         load_dmpl_directions(config.dmpl)  # which may refuse it, before hours of training
         upstream["dmpl"] = config.dmpl
     keep_freed_memory()
-    with joined_by_torchrun():
-        if leads():
-            make = partial(_make, config, align)
-            run.build("train-ae", config, make, data=align.origin, upstream=upstream)
-            told(None)
-            return
-        # Share the leader's work until it says that there is no more.
-        nothing: _Trial | None = None
-        while trial := told(nothing):
-            _begun(trial, align).run()
+    make = partial(_make, config, align)
+    run.build("train-ae", config, make, data=align.origin, upstream=upstream)
 
 
 def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter) -> None:
@@ -224,18 +213,11 @@ def _comparison(config: TrainAutoencoderConfig, name: TrialName) -> TrainAutoenc
     return replace(config, **changes)
 
 
-@dataclass(frozen=True)
-class _Trial:
-    """One training, as the leader of several processes tells it to the others."""
-
-    name: str
-    config: TrainAutoencoderConfig
-    checkpoint: Path
-
-
-def _begun(trial: _Trial, align: Artifact) -> Training[MeshAutoencoder]:
+def _begun(
+    name: str, config: TrainAutoencoderConfig, checkpoint: Path, align: Artifact
+) -> Training[MeshAutoencoder]:
     """A training before its first step."""
-    config, preset = trial.config, PRESETS[trial.config.preset]
+    preset = PRESETS[config.preset]
     offsets_m = align.array("offsets")  # mapped once: pages of two maps would count twice
     split = split_autoencoder_frames(
         sequences_of(align), config.seed, by=config.split, include_held_out=config.include_held_out
@@ -253,8 +235,8 @@ def _begun(trial: _Trial, align: Artifact) -> Training[MeshAutoencoder]:
     per_epoch = math.ceil(len(split.train) / config.batch_size)
     settings["steps"] = config.steps or config.epochs * per_epoch
     plan = TrainingPlan(**settings, bfloat16=config.precision == "bfloat16")
-    label = f"train-ae {trial.name}"
-    return Training(model, normaliser, offsets_m, split, plan, trial.checkpoint, label)
+    label = f"train-ae {name}"
+    return Training(model, normaliser, offsets_m, split, plan, checkpoint, label)
 
 
 def _trained(
@@ -265,7 +247,7 @@ def _trained(
     if config.precision == "auto":
         fast = multiplies_bfloat16() and device().type == "cpu"
         config = replace(config, precision="bfloat16" if fast else "float32")
-    training = _begun(told(_Trial(name, config, checkpoint)), align)
+    training = _begun(name, config, checkpoint, align)
     codec = Codec(training.model, training.normaliser)
     offsets_m, split = training.offsets_m, training.split
     initial_r2 = reconstruction_r2(codec, offsets_m, split.validation)

@@ -29,7 +29,6 @@ from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_chec
 from bridge.motion.splits import FrameSplit, chunks
 from bridge.options import NonNegativeInt, PositiveInt, Seed
 from torch_align_ae.autoencoder.codes import Normaliser
-from torch_align_ae.workers import leads, mean_over_processes, own_part, replicated, told
 
 _VALIDATION_BATCH = 64
 _MOMENTS = ("exp_avg", "exp_avg_sq")
@@ -131,7 +130,6 @@ class Training(Generic[Network]):
         self.normaliser.to(self._device)
         # One fused pass over weights and moments; it is bit-reproducible and twice as fast.
         self._adam = torch.optim.Adam(self.model.parameters(), self.learning_rate, fused=True)
-        self._network = replicated(self.model)
         self._scored = scored_frames(self.split, self.plan.validation_frames)
 
     def run(self) -> TrainingResult:
@@ -154,10 +152,8 @@ class Training(Generic[Network]):
                 )
                 if result.best == len(result.losses):
                     self._keep_best()
-                if leads():
-                    self._save(result)
+                self._save(result)
                 bar.set_postfix(validation=f"{validation:.4f}")
-        told(None)  # that its last file is whole
         best = load_weights(self.best_file)
         refuse_nonfinite(best, self.label, _REMEDY)
         self._assign(best)
@@ -194,16 +190,15 @@ class Training(Generic[Network]):
             for group in self._adam.param_groups:
                 group["lr"] = self.learning_rate * self.plan.share_at(step)
             self._adam.zero_grad()
-            part, factor = own_part(batch)
             with torch.autocast(self._device.type, torch.bfloat16, enabled=self.plan.bfloat16):
-                loss = factor * self._loss(self._network, part)
+                loss = self._loss(batch)
             loss.backward()
             self._adam.step()
             total += loss.detach()
             self.step_s.append(time.perf_counter() - started)
             bar.update()
         self._adam.zero_grad()  # validation and checkpoint need the memory, not the gradients
-        return mean_over_processes(total).item() / len(steps)
+        return total.item() / len(steps)
 
     def _batches(self, start: int) -> Iterator[Tensor]:
         """Batches from step `start` on, in orders that the epoch's number and the seed decide."""
@@ -216,9 +211,9 @@ class Training(Generic[Network]):
                 yield torch.from_numpy(part).to(self._device)
             skipped = 0
 
-    def _loss(self, network: nn.Module, offsets_m: Tensor) -> Tensor:
+    def _loss(self, offsets_m: Tensor) -> Tensor:
         values = self.normaliser.normalise(offsets_m)
-        return nn.functional.mse_loss(network(values), values)
+        return nn.functional.mse_loss(self.model(values), values)
 
     @torch.inference_mode()
     def validation_loss(self) -> float:
@@ -227,13 +222,12 @@ class Training(Generic[Network]):
         total = 0.0
         for part in chunks(self.offsets_m, self._scored, _VALIDATION_BATCH):
             offsets_m = torch.from_numpy(part).to(self._device)
-            total += self._loss(self.model, offsets_m).item() * len(part)
-        return told(total / len(self._scored))
+            total += self._loss(offsets_m).item() * len(part)
+        return total / len(self._scored)
 
     def _keep_best(self) -> None:
-        if leads():
-            weights = {name: _numpy(value) for name, value in self.model.named_parameters()}
-            save_checkpoint(self.best_file, weights)
+        weights = {name: _numpy(value) for name, value in self.model.named_parameters()}
+        save_checkpoint(self.best_file, weights)
 
     def _save(self, result: TrainingResult) -> None:
         """Write weights, Adam's moments and the losses atomically. No random state is kept: each

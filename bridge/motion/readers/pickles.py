@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.body.containers import load_torch
 from bridge.body.pickled_arrays import as_array
 from bridge.body.safe_pickle import MOST_OPCODES, load_restricted, load_restricted_item
-from bridge.body.torch_files import load_torch
 from bridge.errors import DsnetError
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
 from bridge.motion.readers.joint_rotations import unusable

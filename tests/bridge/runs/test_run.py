@@ -97,19 +97,6 @@ def test_a_current_stage_is_not_made_again(run):
     assert (run.path / "encode" / "manifest.json").stat().st_mtime_ns == written
 
 
-@pytest.mark.parametrize("remade", [False, True])
-def test_work_that_fails_as_its_input_is_made_anew_says_so(run, remade):
-    def fill(writer):
-        if remade:
-            make("encode", value=3.0)
-        raise FileNotFoundError("a file of before")
-
-    expected = "encode, which another process made anew meanwhile" if remade else "a file of before"
-    upstream = run.artifacts("encode")
-    with pytest.raises(DsnetError if remade else FileNotFoundError, match=expected):
-        run.build("train", Config(value=9.0), fill, data="synthetic", upstream=upstream)
-
-
 def test_an_input_file_that_changed_is_named_while_it_is_there(run, tmp_path):
     body = tmp_path / "SMPL.npz"
     body.write_bytes(b"a" * 100_000)

@@ -164,14 +164,11 @@ def test_dmpl_is_refused_beside_synthetic_meshes(run, tmp_path):
         stage_train_ae.main(replace(CONFIG, dmpl=dmpl))
 
 
-def test_latents_are_the_codecs_and_scale_is_of_training_sequences(run):
+def test_latents_are_the_codecs(run):
     encode, align = run.artifact("encode"), run.artifact("align")
     latents = encode.array("latents")
     codec = load_codec(run.artifact("train-ae"))
     np.testing.assert_allclose(latents, codec.encode(align.array("offsets")), atol=1e-5)
-    training = np.concatenate([latents[:16], latents[24:]])
-    np.testing.assert_allclose(encode.array("latent_mean"), training.mean(axis=0), atol=1e-6)
-    np.testing.assert_allclose(encode.array("latent_std"), training.std(axis=0), rtol=1e-5)
     np.testing.assert_array_equal(encode.array("theta"), align.array("theta"))
     assert sequences_of(encode) == sequences_of(align)
 

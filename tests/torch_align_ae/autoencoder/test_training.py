@@ -174,7 +174,7 @@ def test_steps_of_bfloat16_products_go_where_those_of_float32_go(tmp_path):
     for job in (exact, rounded):
         batch = next(iter(job._batches(0)))
         with torch.autocast("cpu", torch.bfloat16, enabled=job.plan.bfloat16):
-            loss = job._loss(job.model, batch)
+            loss = job._loss(batch)
         by_weight = torch.autograd.grad(loss, list(job.model.parameters()))
         slopes.append(torch.cat([slope.flatten() for slope in by_weight]))
     assert not torch.equal(*slopes)
