@@ -51,7 +51,7 @@ def test_the_lengths_of_trainings_are_the_profiles() -> None:
     assert f"| autoencoder | {code.epochs} epochs of 236 steps |" in text
     assert f"preset `{code.comparisons[0]}` | {code.comparison_epochs} epochs, only" in text
     assert f"| {steps} steps a frame |" in text
-    networks = (ROOT / "tf_dsnet" / "stage_train.py").read_text()  # TensorFlow stays out of here
+    networks = (ROOT / "dsnet" / "stages" / "stage_train.py").read_text()
     epochs, rounds = re.findall(r'run="paper", epochs=(\d+), .*rounds=(\d+)\)', networks)[0]
     assert f"| DSNet, both presets | {int(epochs):,} epochs of 5 batches" in text
     assert f"| `dsnet_plus` | {rounds} rounds of" in text
