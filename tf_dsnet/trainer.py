@@ -110,9 +110,14 @@ class Trainer:
 
     def _variables(self) -> dict[str, keras.Variable]:
         own = named_variables(self.model)
-        known = {id(variable) for variable in own.values()}
         # The seeds that dropout draws from are no weights, and move on with every step.
-        seeds = {v.path: v for v in self.model.variables if id(v) not in known}
+        drops = ("rate", "dropout", "recurrent_dropout")
+        seeds = {
+            f"{layer.name}/seed_{number}": variable
+            for layer in self.model.layers
+            if any(getattr(layer, name, 0) for name in drops)
+            for number, variable in enumerate(layer.variables[len(layer.weights) :])
+        }
         moments = {variable.path: variable for variable in self.optimizer.variables}
         return {**own, **seeds, **moments}
 
