@@ -3,6 +3,8 @@ and the paper's loss."""
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,6 +20,7 @@ def build_dsnet(
     masked: bool = False,
     lstm_layer: type[keras.layers.LSTM] = keras.layers.LSTM,
     input_size: int = INPUT_SIZE,
+    widths: Mapping[str, int] = DSNET_WIDTHS,
 ) -> keras.Model:
     """Build DSNet (B, T, 79) -> (B, T, 100): 65,140 parameters, 65,020 of them trainable.
 
@@ -29,8 +32,9 @@ def build_dsnet(
         no mask, for padding stands at the end and time runs forwards.
     lstm_layer : Keras's LSTM, or one that computes the same, as `BlockLSTM` does.
     input_size : numbers that it is told of a motion at each frame, where they are not the paper's.
+    widths : units of layers by name; the paper's for those that are left out.
     """
-    units = DSNET_WIDTHS
+    units = {**DSNET_WIDTHS, **widths}
     fc_enc_1 = keras.layers.Dense(units["fc_enc_1"], name="fc_enc_1")
     fc_enc_2 = keras.layers.Dense(units["fc_enc_2"], activation="tanh", name="fc_enc_2")
     lstm = lstm_layer(units["lstm"], return_sequences=True, name="lstm")
@@ -59,6 +63,20 @@ def sum_of_distances(target: Tensor, predicted: Tensor, real: Tensor | None = No
     if real is not None:
         distance = tf.where(real, distance, 0.0)
     return tf.reduce_mean(tf.reduce_sum(distance, axis=-1))
+
+
+def with_own_names(model: keras.Model) -> keras.Model:
+    """The model, with names that Keras gave its layers counted within it.
+
+    Keras counts in the process: what was built before would change the names of weights in files.
+    """
+    counts: Counter[str] = Counter()
+    for layer in model.layers:
+        kind = re.sub(r"_\d+$", "", layer.name)
+        if kind.replace("_", "") == type(layer).__name__.lower():
+            counts[kind] += 1
+            layer.name = kind if counts[kind] == 1 else f"{kind}_{counts[kind]}"
+    return model
 
 
 def named_variables(model: keras.Model) -> dict[str, keras.Variable]:

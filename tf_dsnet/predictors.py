@@ -6,8 +6,10 @@ A new predictor is a file with a class as `Predictor` says, and a line: here, or
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -33,8 +35,8 @@ from bridge.exchange.train_options import PredictorSettings
 from bridge.plugins import entry_named, with_plugins
 from bridge.runs import Artifact
 from tf_dsnet.framework import keras, tf
-from tf_dsnet.model import assign_weights, build_dsnet
-from tf_dsnet.trainer import DsnetTraining, Trainer
+from tf_dsnet.model import BlockLSTM, assign_weights, build_dsnet, with_own_names
+from tf_dsnet.trainer import Build, DsnetTraining, Trainer
 
 PAPER_LR = 1e-4
 """Adam's learning rate in Section 5."""
@@ -117,12 +119,16 @@ class DsnetPredictor:
     label: str = "DSNet, standardised"
     standardised: bool = True
     code: CodeName = AUTOENCODER
+    build: Build | None = None
+    """Gives a network (B, T, `input_size`) to (B, T, L), as `build_dsnet` does, which it is if
+    None; it is told `masked` and `lstm_layer` where it has arguments of these names. A chain of the
+    layers in `bridge.exchange.layers` also predicts motions, streams and exports."""
 
     def lr(self, settings: PredictorSettings) -> float:
         return settings.lr_standardised if self.standardised else settings.lr_faithful
 
     def departures(self, settings: PredictorSettings) -> tuple[str, ...]:
-        found = []
+        found = [] if self.build is None else ["the network is not the paper's"]
         if self.standardised:
             found.append("inputs and latents are standardised over the training frames")
         if (lr := self.lr(settings)) != PAPER_LR:
@@ -146,21 +152,31 @@ class DsnetPredictor:
             batch_size=settings.batch_size,
             masked=settings.masked,
             seed=settings.seed,
+            build=self._build_to_train(settings.masked),
         )
         trainer.trace()
         return DsnetTraining(self.name, trainer, scaling, validation, checkpoint)
 
+    def _build_to_train(self, masked: bool) -> Build:
+        build = self.build or build_dsnet
+        options = {"masked": masked, "lstm_layer": BlockLSTM}  # an LSTM that is quick on a CPU
+        known = inspect.signature(build).parameters
+        return partial(build, **{n: option for n, option in options.items() if n in known})
+
     def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
-        latents_of = applied_dsnet(TrainedDsnet.from_arrays(self.name, arrays))
+        trained = TrainedDsnet.from_arrays(self.name, arrays)
+        latents_of = applied_dsnet(trained, self.build or build_dsnet)
         return lambda theta, betas: latents_of(join_inputs(theta, betas))
 
 
-def applied_dsnet(trained: TrainedDsnet) -> Callable[[NDArray], NDArray[np.float32]]:
+def applied_dsnet(
+    trained: TrainedDsnet, build: Build = build_dsnet
+) -> Callable[[NDArray], NDArray[np.float32]]:
     """A trained DSNet on whole motions: inputs (T, I) in a motion's own units to latents (T, 100).
 
     It may be told of I numbers other than the 79.
     """
-    model = build_dsnet(input_size=len(trained.scaling.input_mean))
+    model = with_own_names(build(input_size=len(trained.scaling.input_mean)))
     assign_weights(model, trained.weights)
     return applied(model, trained.scaling)
 

@@ -19,6 +19,7 @@ from bridge.runs import ArtifactWriter, Run
 from bridge.runs.run import TRAIN, body_model_path
 from bridge.runs.workers import worker_pool
 from tf_dsnet.predictors import Predictor, PredictorTraining, TrainingData, predictors_named
+from tf_dsnet.trainer import DsnetTraining
 
 
 def train_networks(run: Run, config: NetworksRecord) -> None:
@@ -110,4 +111,5 @@ def _store(
         "parameters": next(iter(training.parameters().values())),
         "code": entry.code,
         "departures": list(entry.departures(config)),
+        **(training.described() if isinstance(training, DsnetTraining) else {}),
     }

@@ -6,14 +6,17 @@ import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import Clips, Scaling, TrainedDsnet
+from bridge.exchange.layers import layers_as_json
 from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
+from tf_dsnet.layers import NoChain, layers_of
 from tf_dsnet.model import (
     BlockLSTM,
     assign_variables,
@@ -22,6 +25,7 @@ from tf_dsnet.model import (
     named_weights,
     parameter_counts,
     sum_of_distances,
+    with_own_names,
 )
 
 Build = Callable[..., keras.Model]
@@ -56,7 +60,8 @@ class Trainer:
         self._clips, self._batch_size, self._seed = clips, batch_size, seed
         self._masked, self.lr = masked, lr
         input_size = clips.inputs.shape[-1]
-        self.model, self._loss_function = build(input_size=input_size), loss_of
+        self.model, self._loss_function = with_own_names(build(input_size=input_size)), loss_of
+        _check_output(self.model, clips.latents.shape[-1])
         self.optimizer = keras.optimizers.Adam(lr, name="adam")
         self.optimizer.build(self.model.trainable_variables)
         # Unknown sizes, so that the last, smaller batch does not build a second graph.
@@ -104,8 +109,17 @@ class Trainer:
         assign_variables(self._variables(), state, self.model.name)
 
     def _variables(self) -> dict[str, keras.Variable]:
+        own = named_variables(self.model)
+        # The seeds that dropout draws from are no weights, and move on with every step.
+        drops = ("rate", "dropout", "recurrent_dropout")
+        seeds = {
+            f"{layer.name}/seed_{number}": variable
+            for layer in self.model.layers
+            if any(getattr(layer, name, 0) for name in drops)
+            for number, variable in enumerate(layer.variables[len(layer.weights) :])
+        }
         moments = {variable.path: variable for variable in self.optimizer.variables}
-        return {**named_variables(self.model), **moments}
+        return {**own, **seeds, **moments}
 
     def _train_on(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
         loss, gradients = self._loss_and_gradients(batch)
@@ -119,8 +133,19 @@ class Trainer:
 
     def _loss_of(self, batch: dict[str, tf.Tensor], training: bool = False) -> tf.Tensor:
         motion, real = batch["motion"], batch["real"]
-        predicted = self.model([motion, real] if self._masked else motion, training=training)
+        knows_real = len(self.model.inputs) > 1
+        predicted = self.model([motion, real] if knows_real else motion, training=training)
         return self._loss_function(batch["latents"], predicted, real if self._masked else None)
+
+
+def _check_output(model: keras.Model, latent_size: int) -> None:
+    """Refuse a network of another form: a loss could broadcast it and say nothing."""
+    if tuple(model.output_shape) != (None, None, latent_size):
+        raise DsnetError(
+            f"network {model.name!r} with outputs of shape {model.output_shape}",
+            f"(None, None, {latent_size}): {latent_size} latents at every frame",
+            "End with a layer of as many units; recurrent layers need return_sequences=True.",
+        )
 
 
 def _batch(clips: Clips, rows: NDArray | slice = slice(None)) -> dict[str, tf.Tensor]:
@@ -172,6 +197,13 @@ class DsnetTraining:
         weights = named_weights(self.trainer.model)
         refuse_nonfinite(weights, self.name, _REMEDY)
         return TrainedDsnet(self.name, weights, self._scaling).arrays()
+
+    def described(self) -> dict[str, Any]:
+        """What a manifest says of the network: its `layers`, or why it is `no_chain` of them."""
+        try:
+            return {"layers": layers_as_json(layers_of(self.trainer.model))}
+        except NoChain as reason:
+            return {"no_chain": str(reason)}
 
     def parameters(self) -> dict[str, int]:
         return parameter_counts(self.trainer.model)

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError, unknown_name
-from bridge.exchange.weights import load_weights
+from bridge.exchange.layers import DSNET_LAYERS, Layer, layers_from_json
+from bridge.exchange.weights import dsnet_shapes, load_weights
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.sequences import Split
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS
@@ -36,8 +37,7 @@ LINEAR_FILES: dict[CodeName, str] = {PCA: "pca.safetensors", DMPL: "dmpl.safeten
 
 _SCALING = "scaling/"
 DSNETS = ("dsnet_standardised", "dsnet_faithful")
-"""The paper's network as predictors. Motions, streams, exports and checks take these; what else a
-run has trained has predictions of the run's own sequences, and its errors."""
+"""The paper's network as predictors; runs of before layers were recorded hold no others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,16 +188,29 @@ class TrainedDsnet:
     weights: Mapping[str, NDArray]
     """Named as by `tf_dsnet.model.named_weights`."""
     scaling: Scaling
+    layers: tuple[Layer, ...] = DSNET_LAYERS
+    """In their order; the arrays of `weights` are theirs."""
 
     @classmethod
-    def from_arrays(cls, name: str, arrays: Mapping[str, NDArray]) -> TrainedDsnet:
+    def from_arrays(
+        cls,
+        name: str,
+        arrays: Mapping[str, NDArray],
+        layers: tuple[Layer, ...] = DSNET_LAYERS,
+    ) -> TrainedDsnet:
         """The inverse of `arrays`; without `scaling/...`, nothing is scaled."""
         names = [field.name for field in fields(Scaling)]
         scaled = _SCALING + names[0] in arrays
         weights = {n: array for n, array in arrays.items() if not n.startswith(_SCALING)}
         if not scaled:
-            return cls(name, weights, Scaling.identity())
-        return cls(name, weights, Scaling(*(arrays[_SCALING + n] for n in names)))
+            return cls(name, weights, Scaling.identity(), layers)
+        return cls(name, weights, Scaling(*(arrays[_SCALING + n] for n in names)), layers)
+
+    @property
+    def is_papers(self) -> bool:
+        """Whether layers and widths are the paper's."""
+        shapes = {name: array.shape for name, array in self.weights.items()}
+        return self.layers == DSNET_LAYERS and shapes == dsnet_shapes()
 
     def arrays(self) -> dict[str, NDArray]:
         """Weights, and the scaling as `scaling/input_mean` and so on: what a file holds."""
@@ -208,26 +221,42 @@ def load_trained_dsnet(train: Artifact, name: str | None = None) -> TrainedDsnet
     """Read one network from the `train` stage's artifact; the run's default when None."""
     chosen = name or train.manifest["default"]
     check_trained(train, chosen)
-    if chosen not in dsnets_of(train):
+    layers = _layers_of(train, chosen)
+    if layers is None:
+        reason = train.manifest["predictors"][chosen].get("no_chain", "which is not DSNet")
         raise DsnetError(
-            f"predictor {chosen!r}, which is not DSNet",
+            f"predictor {chosen!r}, {reason}",
             f"one of {', '.join(dsnets_of(train)) or '(none was trained)'}",
             "Name one of these; `dsnet evaluate` has the errors of the others.",
         )
     weights = load_weights(train.file(f"{chosen}.safetensors"))
-    size = len(weights.get("fc_enc_1/kernel", ()))
+    first = next((n for layer in layers if (n := f"{layer.name}/kernel") in weights), "")
+    size = len(weights.get(first, ()))
     if size != INPUT_SIZE:
         raise DsnetError(
             f"{chosen}.safetensors of a network of {size} inputs",
             f"{INPUT_SIZE}, betas and theta",
             "Pass weights written by `dsnet train`.",
         )
-    return TrainedDsnet.from_arrays(chosen, weights)
+    return TrainedDsnet.from_arrays(chosen, weights, layers)
 
 
 def dsnets_of(train: Artifact) -> list[str]:
-    """Names of the predictors of a finished `train` that are the paper's network."""
-    return [name for name in train.manifest["predictors"] if name in DSNETS]
+    """Names of the predictors of a finished `train` that can be stepped from pose to pose: those
+    with a list of layers, of the autoencoder's latents. Motions, streams, exports and the viewer
+    take these; what else a run has trained has predictions of the run's own sequences.
+    """
+    return [name for name in train.manifest["predictors"] if _layers_of(train, name)]
+
+
+def _layers_of(train: Artifact, name: str) -> tuple[Layer, ...] | None:
+    """What a predictor is a chain of; None if it is none."""
+    entry = train.manifest["predictors"][name]
+    if code_of(train, name) != AUTOENCODER or "no_chain" in entry:
+        return None
+    if "layers" in entry:
+        return layers_from_json(entry["layers"])
+    return DSNET_LAYERS if name in DSNETS else None
 
 
 def code_of(train: Artifact, name: str) -> CodeName:

@@ -8,26 +8,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import onnx
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import TrainedDsnet
-from bridge.exchange.weights import BATCH_NORM_EPSILON, mesh_autoencoder_to_keras
+from bridge.exchange.weights import mesh_autoencoder_to_keras
 from bridge.paper import FEATURES, INPUT_SIZE, N_BETAS, NEGATIVE_SLOPE, THETA_SIZE
 from dsnet.onnx.body_graph import Surface, posed_bones, translated, translation
-from dsnet.onnx.onnx_graph import Graph, Precision, StateLayout, Value, product
+from dsnet.onnx.layer_graphs import dsnet_layout, stepped
+from dsnet.onnx.onnx_graph import Graph, Precision, Value, product
 
 _DECODER = ("from_latent.", "decoder.", "to_coordinates.")
 Weights = Mapping[str, NDArray]
-
-
-def dsnet_layout(network: TrainedDsnet) -> StateLayout:
-    """What a character's row holds: the LSTM's memory."""
-    units = len(network.weights["batch_norm/gamma"])
-    return StateLayout({"hidden": (units,), "cell": (units,)})
 
 
 def dsnet_step_graph(network: TrainedDsnet) -> onnx.ModelProto:
@@ -39,7 +33,7 @@ def dsnet_step_graph(network: TrainedDsnet) -> onnx.ModelProto:
     graph, layout = Graph(), dsnet_layout(network)
     motion = graph.input("motion", ("B", INPUT_SIZE))
     past = layout.read(graph.input("state", ("B", layout.size)))
-    latents, after = _stepped(graph, network, motion, past)
+    latents, after = stepped(graph, network, motion, past)
     outputs = {"codes": latents, "next_state": layout.written(graph, after)}
     return graph.model("dsnet_step", outputs, checked=False)
 
@@ -54,8 +48,9 @@ def dsnet_body_graph(
 ) -> onnx.ModelProto:
     """A trained DSNet, its autoencoder's decoder and the body: a pose in, the posed skin out.
 
-    Inputs `theta` (B, 69), `betas` (B, 10) and `state` (B, 120); outputs `vertices` (B, V, 3),
-    metres, and `next_state` (B, 120). A row is the LSTM's memory of one character, zero where she
+    Inputs `theta` (B, 69), `betas` (B, 10) and `state` (B, S); outputs `vertices` (B, V, 3),
+    metres, and `next_state` (B, S), S = 120 of the
+    paper's. A row is the memory of one character, zero where she
     begins, as in training: the network itself takes the first pose for one that was held
     (Section 4.2).
 
@@ -75,7 +70,7 @@ def dsnet_body_graph(
     theta = graph.input("theta", ("B", THETA_SIZE))
     betas = graph.input("betas", ("B", N_BETAS))
     past = layout.read(graph.input("state", ("B", layout.size)))
-    latents, after = _stepped(graph, network, graph.concat([betas, theta], 1), past)
+    latents, after = stepped(graph, network, graph.concat([betas, theta], 1), past)
     offsets_m = decoded(graph, decoder, architecture, latents, precision)
     bones, turning = posed_bones(graph, body, theta, betas)
     with graph.section("skin"):
@@ -88,43 +83,6 @@ def dsnet_body_graph(
         {"vertices": ("B", body.vertex_count, 3), "next_state": ("B", layout.size)},
         {**(metadata or {}), "latency_frames": "0", "state_layout": layout.as_text()},
     )
-
-
-def _stepped(
-    graph: Graph, network: TrainedDsnet, inputs: Value, past: Mapping[str, Value]
-) -> tuple[Value, dict[str, Value]]:
-    """Latents (B, 100) of inputs (B, 79) in a motion's own units, and the memory after them.
-
-    What is affine is folded together once. All four gates come from one tanh, as
-    sigmoid(z) = (1 + tanh(z / 2)) / 2.
-    """
-    w = {name: array.astype(np.float64) for name, array in network.weights.items()}
-    scale = network.scaling
-    gain = w["batch_norm/gamma"] / np.sqrt(w["batch_norm/moving_variance"] + BATCH_NORM_EPSILON)
-    scaled = np.diag(1 / scale.input_std), -scale.input_mean / scale.input_std
-    normalised = np.diag(gain), w["batch_norm/beta"] - gain * w["batch_norm/moving_mean"]
-    restored = np.diag(scale.latent_std), scale.latent_mean
-    dense = {n: (w[f"{n}/kernel"], w[f"{n}/bias"]) for n in ("fc_enc_1", "fc_enc_2", "fc_enc_3")}
-    kernel = np.vstack([w["lstm/kernel"], w["lstm/recurrent_kernel"]])
-    halved = np.repeat([0.5, 0.5, 1.0, 0.5], len(gain))
-
-    def affine(name: str, features: Value, *layers: tuple[NDArray, NDArray]) -> Value:
-        (kernel, bias), *others = layers
-        for next_kernel, next_bias in others:
-            kernel, bias = kernel @ next_kernel, bias @ next_kernel + next_bias
-        return features @ graph.array(f"{name}/kernel", kernel) + graph.array(f"{name}/bias", bias)
-
-    with graph.section("dsnet"):
-        encoded = affine("encode", inputs, scaled, dense["fc_enc_1"], dense["fc_enc_2"])
-        known = graph.concat([graph.apply("Tanh", encoded), past["hidden"]], 1)
-        gates = affine("gates", known, (kernel * halved, w["lstm/bias"] * halved))
-        # Keras's order: input, forget, candidate, output.
-        i, f, candidate, o = graph.apply("Tanh", gates).split(1, [len(gain)] * 4)
-        i, f, o = (0.5 + 0.5 * gate for gate in (i, f, o))
-        cell = f * past["cell"] + i * candidate
-        hidden = o * graph.apply("Tanh", cell)
-        latents = affine("decode", hidden, normalised, dense["fc_enc_3"], restored)
-        return latents, {"hidden": hidden, "cell": cell}
 
 
 def decoder_graph(weights: Weights, architecture: Mapping[str, Any]) -> onnx.ModelProto:

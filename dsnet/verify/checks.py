@@ -170,12 +170,14 @@ def _oscillators(seed: int) -> list[Check]:
 
 
 def trained_checks(run: Run) -> list[Check]:
-    """Of every predictor and of the autoencoder that the run has trained, and of their graphs."""
+    """Of the paper's networks and of the autoencoder that the run has trained, and of their graphs;
+    other networks have no second implementation to be held against."""
     train, train_ae, train_plus = (
         run.artifact(stage) if run.finished(stage) else None
         for stage in ("train", "train-ae", "train_plus")
     )
-    dsnets = [load_trained_dsnet(train, name) for name in dsnets_of(train)] if train else []
+    loaded = [load_trained_dsnet(train, name) for name in dsnets_of(train)] if train else []
+    dsnets = [network for network in loaded if network.is_papers]
     checks = [check for d in dsnets for check in _trained_dsnet(d, run.artifact("encode"))]
     graphs: list[tuple[str, str, Tensors, Options]] = []
     if train_plus:

@@ -13,6 +13,7 @@ from dsnet.stages import stage_infer
 from dsnet.stages.stage_infer import InferConfig
 from dsnet.stream.streaming_predictor import StreamingPredictor
 from tests.forged.plugin import use_plugin
+from tests.pages import python_blocks
 from tf_dsnet.predictors import applied_dsnet, load_predictor
 
 RNG = np.random.default_rng(6)
@@ -51,6 +52,19 @@ def test_it_is_trained_and_predicts(encoded_run, tmp_path, monkeypatch):
     said = r"predictor mine; expected one of dsnet_standardised, dsnet_faithful\. .*DSNET_PLUGINS"
     with pytest.raises(DsnetError, match=said):
         stage_infer.main(InferConfig("tiny"))
+
+
+def test_the_network_that_contributing_shows_is_trained_and_stepped(
+    encoded_run, tmp_path, monkeypatch
+):
+    (block,) = [block for block in python_blocks("CONTRIBUTING.md") if "GRU" in block]
+    use_plugin(tmp_path, monkeypatch, block)
+    cli.main(["train", "--run", "tiny", "--epochs", "2", "--predictors", "gru"])
+    made = read_artifact(encoded_run / "train")
+    whole = load_predictor(made, "gru", lambda: pytest.fail("no body"))(THETA[0], BETAS[0])
+    monkeypatch.delenv("DSNET_PLUGINS")  # the manifest says which layers it has
+    streamed = steps(StreamingPredictor("tiny", "gru"), THETA[:1], BETAS[:1])[0]
+    np.testing.assert_allclose(streamed, whole, rtol=1e-5, atol=1e-5 * np.abs(whole).max())
 
 
 def test_without_the_module_nothing_is_made(encoded_run, capsys):
