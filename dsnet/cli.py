@@ -17,6 +17,7 @@ from typing import Any
 from bridge import __version__
 from bridge.errors import unknown_name
 from bridge.processes import exit_with_one_line
+from dsnet.command_line import refuse_words_without_name
 
 COMMANDS = {
     "corpus": ("dsnet.synthetic.stage_corpus", "Make a synthetic corpus in real formats."),
@@ -57,6 +58,7 @@ def main(arguments: Sequence[str] | None = None, **settings: Any) -> None:
 def _run(command: str, options: list[str], settings: Mapping[str, Any]) -> None:
     if command not in COMMANDS:
         raise unknown_name(f"command {command!r}", command, COMMANDS, "See dsnet --help.")
+    refuse_words_without_name(command, options)
     # It chooses the defaults that --help shows.
     profile = _take(options, "--profile")
     if profile not in (None, *PROFILES):

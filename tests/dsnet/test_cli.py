@@ -140,6 +140,25 @@ def test_options_keep_the_parsers_own_suggestion(capsys):
     assert "Perhaps you meant" in refused(["corpus", "--gendr", "male"], capsys)
 
 
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        ("predict a.npz out", "predict --motion a.npz --out out"),
+        ("predict a.npz", "predict --motion a.npz"),
+        ("predict a.npz out --gain 2", "predict --motion a.npz --out out --gain 2"),
+        ("export a.npz b.USD", "export --to usd --motion a.npz --out b.USD"),
+        ("export a.npz", "export --to usd --motion a.npz --out a.usd"),
+        ("export a.npz b --to obj", "export --motion a.npz --out b --to obj"),
+        ("view a.npz", "view --motion a.npz"),
+        ("report demo", "report --run demo"),
+    ],
+)
+def test_words_without_a_name_are_told_theirs(line, meant, capsys):
+    printed = refused(line.split(), capsys)
+    assert printed.endswith(f". Run: dsnet {meant}\n")
+    assert printed.count("\n") == 1
+
+
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     with pytest.raises(SystemExit) as stopped:
         main(arguments)
