@@ -12,11 +12,13 @@ import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from inspect import cleandoc
 from typing import Any
 
 from bridge import __version__
 from bridge.errors import unknown_name
 from bridge.processes import exit_with_one_line
+from dsnet.command_line import flowed, options_type, refuse_words_without_name
 
 COMMANDS = {
     "corpus": ("dsnet.synthetic.stage_corpus", "Make a synthetic corpus in real formats."),
@@ -57,6 +59,7 @@ def main(arguments: Sequence[str] | None = None, **settings: Any) -> None:
 def _run(command: str, options: list[str], settings: Mapping[str, Any]) -> None:
     if command not in COMMANDS:
         raise unknown_name(f"command {command!r}", command, COMMANDS, "See dsnet --help.")
+    refuse_words_without_name(command, options)
     # It chooses the defaults that --help shows.
     profile = _take(options, "--profile")
     if profile not in (None, *PROFILES):
@@ -72,18 +75,25 @@ def _run(command: str, options: list[str], settings: Mapping[str, Any]) -> None:
     default = _with(module.PROFILES[profile or "demo"], settings)
     if getattr(default, "run", None):  # some need no run
         default = replace(default, run=profile or "demo")
-    prog = f"dsnet {command} [--profile P] [--engine local|ray [--address HOST:PORT]]"
+    common = "--profile P, --engine E, --address A"
     if not hasattr(default, "seed"):
         # ./reproduce.sh hands one seed to every command.
-        prog += " [--seed N]"
+        common += ", --seed N"
         if (seed := _take(options, "--seed")) is not None:
             check_seed(seed)
-    if shutil.get_terminal_size().columns < _NARROWEST:
-        os.environ["COLUMNS"] = str(_NARROWEST)
+    columns = shutil.get_terminal_size().columns
+    if columns < _NARROWEST:
+        os.environ["COLUMNS"] = str(columns := _NARROWEST)
+    about = f"{cleandoc(type(default).__doc__ or '')}\n\nAlso {common}."
     # What only studies set is `Fixed`: no option.
-    config = tyro.cli(
-        type(default), args=options, default=default, prog=prog, config=(tyro.conf.SuppressFixed,)
+    parsed = tyro.cli(
+        options_type(default, command),
+        args=options,
+        prog=f"dsnet {command}",
+        description=flowed(about, columns),
+        config=(tyro.conf.SuppressFixed,),
     )
+    config = replace(default, **vars(parsed))
     check_options(config)
     with use_engine("local" if engine is None else engine, address):
         module.main(config)

@@ -30,7 +30,7 @@ ORDER = {
     "bridge": ("", "runs", "body", "motion", "meshes", "exchange", "tissue", "__init__.py"),
     "dsnet": (
         "onnx", "synthetic", "evaluation", "report", "markers", "prediction", "stream", "fitting",
-        "exporters", "view", "verify", "stages", "__init__.py", "cli.py",
+        "exporters", "view", "verify", "stages", "__init__.py", "command_line.py", "cli.py",
     ),
 }  # fmt: skip
 THIRD_PARTIES = {
@@ -47,6 +47,7 @@ THIRD_PARTIES = {
     "dsnet": {
         "__init__.py": set(),
         "cli.py": {"tyro"},
+        "command_line.py": {"tyro"},
         "onnx": {"numpy", "onnx", "onnxruntime"},
         "synthetic": {"h5py", "numpy", "scipy", "tyro"},
         "evaluation": {"numpy", "scipy"},

@@ -64,7 +64,9 @@ FORMATS = {
 def chosen_format(name: str, out: Path) -> Format:
     """The format `name`, if it can be written here to a path like `out`."""
     if name not in FORMATS:
-        raise unknown_name(f"--to {name}", name, FORMATS, "Pass one of these.")
+        blender = "Take --to glb or usd, and convert it in Blender."
+        remedy = blender if name.lower() == "fbx" else "Pass one of these."
+        raise unknown_name(f"--to {name}", name, FORMATS, remedy)
     form = FORMATS[name]
     if form.package and form.extra:
         require_package(form.package, form.extra, f"--to {name}")

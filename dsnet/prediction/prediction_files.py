@@ -84,13 +84,16 @@ def fill_prediction(
             "a predictor with an autoencoder",
             "Leave latents out, or pass another --predictor.",
         )
-    shape, made = (len(moving), moving.body.vertex_count, 3), {}
+    shape, made, largest_m2 = (len(moving), moving.body.vertex_count, 3), {}, 0.0
     for word in write:
         if word in ("offsets", "offsets16", "vertices"):
             dtype = np.float16 if word == "offsets16" else np.float32
             name = word.removesuffix("16")
             made[name] = writer.array_file(name, shape, dtype, "m")
     for moved in frames:
+        # In float64, in which no finite offset is too large to be squared.
+        lengths_m2 = np.einsum("tvx,tvx->tv", *2 * [moved.offsets_m], dtype=np.float64)
+        largest_m2 = max(largest_m2, float(lengths_m2.max(initial=0.0)))
         for name, array in made.items():
             array.write(moved.frames.start, getattr(moved, f"{name}_m"))
     if "strip" in write:
@@ -105,6 +108,8 @@ def fill_prediction(
         why=trained.why,
         source_fps=motion.source_fps,
         fps=motion.fps,
+        frames=len(moving),
+        largest_offset_mm=round(1000 * largest_m2**0.5, 1),
         up=motion.up,
         body_model=moving.body.name,
         betas=motion.betas.tolist(),

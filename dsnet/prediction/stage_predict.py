@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from itertools import chain, count
 from pathlib import Path
 
-from bridge.errors import DsnetError, did_you_mean
+from bridge.errors import DsnetError, did_you_mean, notify
+from bridge.runs import Artifact
 from dsnet.prediction.controls import Controls
 from dsnet.prediction.predict_folder import predict_folder
 from dsnet.prediction.prediction_files import OF_MANY, OF_ONE, WRITABLE, predict_motion
@@ -46,8 +49,17 @@ def main(config: PredictConfig) -> None:
     if config.out is None:
         raise DsnetError("--motion without --out", "a folder to write", "Pass --out DIR.")
     write = what_to_write(config.write, config.motion)
-    predict = predict_folder if config.motion.is_dir() else predict_motion
-    predict(
+    if config.motion.is_dir():
+        predict_folder(
+            config.run,
+            config.motion,
+            config.out,
+            predictor=config.predictor,
+            controls=config,
+            write=write,
+        )
+        return
+    made = predict_motion(
         config.run,
         config.motion,
         config.out,
@@ -55,6 +67,36 @@ def main(config: PredictConfig) -> None:
         controls=config,
         write=write,
     )
+    notify(_what_was_made(made, config))
+
+
+def _what_was_made(made: Artifact, config: PredictConfig) -> str:
+    """What a prediction wrote, how far its skin moves, and the command that shows it."""
+    manifest = made.manifest
+    frames, fps = manifest["frames"], manifest["fps"]
+    names = ", ".join(sorted(made.digests))
+    return (
+        f"wrote {names} to {made.path}: {frames} frames, {frames / fps:.1f} s at {fps:g} fps; the "
+        f"skin moves by at most {manifest['largest_offset_mm']:.1f} mm. To look at it: "
+        f"{shlex.join(_looking_at_it(config, made.path))}"
+    )
+
+
+def _looking_at_it(config: PredictConfig, made: Path) -> Iterator[str]:
+    """The words of the command that writes the same moving body as a page beside the prediction."""
+    made = made.resolve()
+    others = (made.with_name(f"{made.name}-{number}.html") for number in count(2))
+    pages = chain((made.with_name(f"{made.name}.html"),), others)
+    page = next(path for path in pages if not path.exists())
+    yield from ("dsnet", "export", "--to", "html", "--motion", str(config.motion))
+    yield from ("--out", str(page))
+    for field in fields(config):
+        said = getattr(config, field.name)
+        if field.name in ("motion", "out", "write") or said == field.default:
+            continue
+        yield f"--{field.name.replace('_', '-')}"
+        if said is not True:
+            yield from said if isinstance(said, tuple) else (str(said),)
 
 
 def what_to_write(asked: Sequence[str], motion: Path) -> tuple[str, ...]:

@@ -136,8 +136,71 @@ def test_what_is_near_none_is_no_question(line, capsys, tmp_path):
     assert "Did you mean" not in refused(line.format(tmp=tmp_path).split(), capsys)
 
 
+def test_a_typo_is_followed_by_a_command_that_can_be_pasted(capsys):
+    printed = refused(["predict", "--profile", "demo", "--motoin", "x"], capsys)
+    assert "run dsnet predict --help " in printed
+
+
+def test_help_begins_with_what_is_required(helps):
+    options = re.findall(r"^\W*(--[a-z][a-z-]*)", helps["predict"], re.MULTILINE)
+    assert options[:4] == ["--motion", "--out", "--run", "--predictor"]
+    assert helps["predict"].count("(required)") == 2
+    assert not [text for text in helps.values() if "{None}" in text or "(default: None)" in text]
+
+
+def test_helps_flow_to_the_width_of_the_terminal():
+    wide = {**os.environ, "COLUMNS": "200"}
+    shown = dsnet("predict", "--help", stdout=subprocess.PIPE, env=wide).stdout
+    assert "`sample:walking`. Or a folder: every motion" in shown
+    narrow = {**os.environ, "COLUMNS": "60"}
+    shown = dsnet("train", "--help", stdout=subprocess.PIPE, env=narrow).stdout
+    assert max(map(len, shown.splitlines())) <= 60
+    assert "40 sequences of 300" in " ".join(shown.split())
+
+
+WITHOUT_FRAMEWORKS = """
+import sys
+from dsnet.cli import main
+class Refused:
+    def find_spec(self, name, *_):
+        if name.partition(".")[0] in ("tensorflow", "keras", "torch"):
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Refused())
+main([sys.argv[1], "--help"])
+"""
+
+
+@pytest.mark.parametrize("command", ["train", "predict", "export", "view", "corpus"])
+def test_help_needs_no_framework(command):
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_FRAMEWORKS, command],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "--run" in done.stdout
+
+
 def test_options_keep_the_parsers_own_suggestion(capsys):
     assert "Perhaps you meant" in refused(["corpus", "--gendr", "male"], capsys)
+
+
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        ("predict a.npz out", "predict --motion a.npz --out out"),
+        ("predict a.npz", "predict --motion a.npz"),
+        ("predict a.npz out --gain 2", "predict --motion a.npz --out out --gain 2"),
+        ("export a.npz b.USD", "export --to usd --motion a.npz --out b.USD"),
+        ("export a.npz", "export --to usd --motion a.npz --out a.usd"),
+        ("export a.npz b --to obj", "export --motion a.npz --out b --to obj"),
+        ("view a.npz", "view --motion a.npz"),
+        ("report demo", "report --run demo"),
+    ],
+)
+def test_words_without_a_name_are_told_theirs(line, meant, capsys):
+    printed = refused(line.split(), capsys)
+    assert printed.endswith(f". Run: dsnet {meant}\n")
+    assert printed.count("\n") == 1
 
 
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:

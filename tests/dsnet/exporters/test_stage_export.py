@@ -86,6 +86,7 @@ def test_missing_options_are_told(refused, motion, tmp_path):
 def test_an_unknown_format_and_another_suffix(refused, motion, tmp_path):
     both = ["--motion", str(motion), "--out", str(tmp_path / "body.fbx")]
     assert "one of onnx, usd, pc2" in refused("--to", "fbx", *both)
+    assert "glb or usd, and convert it in Blender" in refused("--to", "fbx", *both)
     assert "ends in .usd or .usdc or .usda" in refused("--to", "usd", *both)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -254,7 +255,7 @@ def test_two_predictions_into_one_folder(trained_run, motion, tmp_path):
     assert {status for _, status in ended} <= {0, 2}
     assert any(status == 0 for _, status in ended)
     for printed, status in ended:
-        assert printed.count("\n") == 1, printed
+        assert printed.count("\n") == (2 if status == 0 else 1), printed
         assert status == 0 or "another process" in printed
     read_artifact(out, "prediction").verify()
     assert [path.name for path in tmp_path.iterdir() if "out" in path.name] == ["out"]
@@ -273,3 +274,23 @@ def test_a_folder_that_is_being_written_is_not_taken(trained_run, motion, tmp_pa
     assert done.stderr.count("\n") == 1, done.stderr
     np.testing.assert_array_equal(read_artifact(out, "prediction").array("latents"), np.zeros(3))
     assert not list(tmp_path.glob(".out*"))
+
+
+@pytest.mark.usefixtures("blank_strip", "trained_run")
+def test_it_ends_with_what_was_made_and_the_command_that_shows_it(motion, tmp_path, capsys):
+    out = tmp_path / "o u t"
+    options = ["--gain", "2.0", "--part-gain", "belly=0.5", "head=0"]
+    main(["predict", "--run", "r", "--motion", str(motion), "--out", str(out), *options])
+    made = read_artifact(out, KIND)
+    last = capsys.readouterr().err.splitlines()[-1]
+    largest_mm = 1000 * np.linalg.norm(made.array("offsets"), axis=-1).max()
+    frames = len(made.array("offsets"))
+    assert largest_mm > 0
+    assert f"to {out}: {frames} frames, {frames / 60:.1f} s at 60 fps" in last
+    assert f"at most {largest_mm:.1f} mm" in last
+    words = shlex.split(last.partition("To look at it: dsnet ")[2])
+    page = tmp_path / "o u t.html"
+    shown = ["export", "--to", "html", "--motion", str(motion), "--out", str(page)]
+    assert words == [*shown, *options, "--run", "r"]
+    main(words)
+    assert page.stat().st_size > 0
