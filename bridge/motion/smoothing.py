@@ -21,7 +21,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
@@ -90,11 +89,13 @@ def noise_cutoff_hz(pose: NDArray, trans_m: NDArray, fps: float) -> NDArray[np.f
     """(T,) cutoff that suits each frame of pose (T, J, 3), axis-angle, and trans (T, 3), metres."""
     if len(pose) < _FEWEST_FRAMES or _fastest_hz(fps) < 2 * _SLOWEST_HZ:
         return np.full(len(pose), no_noise_hz(fps))
-    moved = _accelerations(pose, trans_m, fps)
-    size = max(round(_WINDOW_S * fps), _FEWEST_FRAMES)
-    from scipy.signal import ShortTimeFFT  # a second to load, for those who smooth
+    # Every motion's reader imports this module, and few smooth: SciPy's filters load slowly.
+    from scipy.ndimage import uniform_filter1d
+    from scipy.signal import ShortTimeFFT
     from scipy.signal.windows import hann
 
+    moved = _accelerations(pose, trans_m, fps)
+    size = max(round(_WINDOW_S * fps), _FEWEST_FRAMES)
     window = hann(min(size, len(moved)), sym=False)
     transform = ShortTimeFFT(window, max(round(_HOP_S * fps), 1), fps, mfft=2 * size)
     spectra = transform.spectrogram(moved, axis=0, padding="even").sum(axis=1)  # (f, times)

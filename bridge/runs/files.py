@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from filelock import lock_descriptor
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from bridge.errors import DsnetError, InterruptedWorkError
@@ -100,6 +99,9 @@ def tidy(path: Path) -> None:
 
 def _is_taken(path: Path, opened: ExitStack) -> bool:
     """Whether this process has a lock from now on; the system lets go when the process ends."""
+    # It brings asyncio, which whoever only reads runs or predicts in memory need not load.
+    from filelock import lock_descriptor
+
     try:
         lock = opened.enter_context(path.open("ab"))
         # Whom it belonged to may have removed the file since it was opened.

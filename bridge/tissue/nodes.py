@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
 
 from bridge.body import BodyModelData
 from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
@@ -152,8 +153,6 @@ def _between(energy: sp.csr_matrix, nodes: NDArray) -> NDArray[np.floating]:
     shares[nodes, np.arange(len(nodes))] = 1.0
     rows = energy[free]
     inner = (rows[:, free] + _REGULAR * sp.eye(len(free))).tocsc()
-    from scipy.sparse.linalg import splu  # only training places nodes
-
     solver = splu(inner, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
     pulled = -rows[:, nodes].tocsc()
     for start in range(0, len(nodes), _COLUMNS_AT_ONCE):

@@ -18,7 +18,6 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import periodogram
 
 from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
 from bridge.errors import DsnetError
@@ -223,6 +222,9 @@ def _r2(real: NDArray, predicted: NDArray) -> float:
 
 
 def _size(series: NDArray, good: NDArray, fps: float) -> Size:
+    # Commands that can use markers import this module: SciPy's filters load slowly.
+    from scipy.signal import periodogram
+
     frequency, power = periodogram(np.where(good[:, None], series, 0), fps, axis=0)
     total = max(power.sum(), 1e-12)
     part = [

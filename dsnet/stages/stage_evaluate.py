@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from tyro.conf import Fixed
 
 from bridge.errors import DsnetError, notify
@@ -26,8 +25,6 @@ from dsnet.prediction.load_model import load_model
 from dsnet.prediction.moving_body import MovingBody, persons_root_joint_m
 from dsnet.prediction.out_folder import open_out_folder
 from dsnet.prediction.shape_space import with_own_shape
-from dsnet.report.pages import render
-from dsnet.report.panels import save_figure
 
 _FOOTER = "markers: measured on a person; body and its flesh: a model"
 _OF_FILE, _BONY = "pose of the file", "pose whose chest follows markers on bone"
@@ -121,6 +118,8 @@ def write_comparisons(
     path_of : where a file of a name is written.
     comparisons : of the same markers, by the pose that the body takes.
     """
+    from dsnet.report.pages import render
+
     found = {name: comparison.summary() for name, comparison in comparisons.items()}
     path_of("markers.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     page = render("markers.md.j2", comparisons=comparisons, cut_hz=CUT_HZ, bands_hz=BANDS_HZ)
@@ -130,6 +129,11 @@ def write_comparisons(
 
 def _draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:
     """Curves of the first marker of each region: one column for each pose."""
+    # Errors of a run need no pictures, whose libraries take longer to load than the rest.
+    from matplotlib.figure import Figure
+
+    from dsnet.report.panels import save_figure
+
     first: dict[str, Row] = {}
     for row in next(iter(comparisons.values())).rows:
         first.setdefault(row.region, row)

@@ -17,7 +17,6 @@ from bridge.plugins import entry_named
 from bridge.runs import Run
 from bridge.runs.run import ALIGNMENT, best_alignment_of
 from bridge.tissue.trained_plus import NAME as PLUS
-from dsnet.fitting.train import train_on_markers
 from dsnet.prediction.models import simulate_nodes
 from dsnet.stages.frameworks import of_framework
 
@@ -62,6 +61,9 @@ def main(config: TrainConfig) -> None:
                 "one of them: markers give constants of dsnet_plus",
                 "Leave one out.",
             )
+        # Networks are trained without its optimiser and its pages.
+        from dsnet.fitting.train import train_on_markers
+
         train_on_markers(run, config.markers)
         return
     require_packages_of("tf_dsnet")  # before a run is looked for that only it could train

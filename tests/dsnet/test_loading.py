@@ -6,6 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+FILTERS = {"scipy.signal", "scipy.stats", "scipy.interpolate", "scipy.optimize"}
+MESHES = {"trimesh", "networkx"}
+PICTURES = {"matplotlib", "PIL"}
+PAGES = {"jinja2", "markdown_it"}
 PRODUCT = ("bridge", "dsnet", "tf_dsnet", "torch_align_ae")
 LISTED = "; import sys; print(*sys.modules)"
 
@@ -33,5 +39,26 @@ def test_a_point_cache_needs_no_pictures_meshes_or_filters(tmp_path: Path) -> No
     command = ["export", "--to", "pc2", "--motion", "sample:walk_cycle", "--out", "cache"]
     modules = loaded_by(f"from dsnet.cli import main; main({command})", tmp_path)
     assert (tmp_path / "cache" / "body.pc2").is_file()
-    unused = {"trimesh", "networkx", "scipy.signal", "scipy.stats", "scipy.interpolate"}
-    assert not modules & (unused | {"matplotlib", "PIL", "jinja2", "torch", "tensorflow", "h5py"})
+    unused = FILTERS | MESHES | PICTURES | PAGES
+    assert not modules & (unused | {"torch", "tensorflow", "h5py"})
+
+
+def test_prediction_draws_without_filters_meshes_or_pages(tmp_path: Path) -> None:
+    command = ["predict", "--motion", "sample:walk_cycle", "--out", "walk"]
+    modules = loaded_by(f"from dsnet.cli import main; main({command})", tmp_path)
+    assert (tmp_path / "walk" / "strip.png").is_file()
+    assert "matplotlib" in modules
+    assert not modules & (FILTERS | MESHES | PAGES | {"matplotlib.pyplot"})
+
+
+def test_a_prediction_in_memory_needs_no_locks(tmp_path: Path) -> None:
+    code = "import dsnet; dsnet.animate(dsnet.load_motion('sample:walk_cycle')).arrays()"
+    assert not loaded_by(code, tmp_path) & (FILTERS | MESHES | PICTURES | {"filelock", "tyro"})
+
+
+@pytest.mark.parametrize("stage", ["train", "evaluate"])
+def test_stages_without_markers_need_no_filters_pictures_or_pages(
+    stage: str, tmp_path: Path
+) -> None:
+    modules = loaded_by(f"import dsnet.stages.stage_{stage}", tmp_path)
+    assert not modules & (FILTERS | MESHES | PICTURES | PAGES)
