@@ -55,7 +55,7 @@ def _described(layer: keras.layers.Layer) -> Layer:
         needed |= {"return_sequences": True, "go_backwards": False, "stateful": False}
     if "axis" in config:
         axis = config["axis"][0] if isinstance(config["axis"], (list, tuple)) else config["axis"]
-        config["axis"], needed["axis"] = axis % len(layer.output.shape), 2
+        config["axis"], needed["axis"] = axis % 3, 2  # of (B, T, features)
     for option, value in needed.items():
         if config.get(option, value) != value:
             raise NoChain(f"whose layer {layer.name!r} has {option}={config[option]!r}")

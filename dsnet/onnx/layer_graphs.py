@@ -13,7 +13,7 @@ from bridge.exchange.layers import RECURRENT, Layer
 from dsnet.onnx.onnx_graph import Graph, StateLayout, Value
 
 Arrays = Mapping[str, NDArray[np.float64]]
-Affine = tuple[NDArray[np.float64], NDArray[np.float64]]
+Affine = tuple[NDArray[np.floating], NDArray[np.floating]]
 """A kernel (I, O) and a bias (O,)."""
 _STILL = "nothing"
 
