@@ -17,7 +17,7 @@ HOLDS = (
 )
 
 
-@pytest.mark.parametrize(("block", "holds"), zip(BLOCKS, HOLDS, strict=True))
+@pytest.mark.parametrize(("block", "holds"), [*zip(BLOCKS, HOLDS, strict=True)])
 @pytest.mark.parametrize("model", ["", '"smoke", '])
 def test_the_readmes_python_works(
     smoke_runs: Path, execute, block: str, holds: str, model: str

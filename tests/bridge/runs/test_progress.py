@@ -60,6 +60,6 @@ def test_a_pipe_sees_no_bar(tmp_path):
         str(tmp_path / "out"),
     ]
     done = subprocess.run(arguments, capture_output=True, text=True, check=True)
-    assert len(done.stderr.splitlines()) == 1
+    assert len(done.stderr.splitlines()) == 2  # who predicts, and what was written
     assert not (tmp_path / "out" / "strip.png").exists()
     assert done.stdout == ""
