@@ -25,7 +25,7 @@ from tests.forged.plus import soft_flesh, write_plus
 from tests.tf_dsnet.plus import TINY as PLUS_TINY
 from tests.tf_dsnet.plus import forge_run, teach_nothing
 from tests.tf_dsnet.trained import train_in
-from tf_dsnet import trainer
+from tf_dsnet import train_networks, trainer
 
 TINY = TrainConfig(run="tiny", epochs=5, frames=32, validate_every=2, checkpoint_every=2)
 
@@ -127,7 +127,7 @@ def test_a_predictor_whose_checkpoint_is_behind_catches_up(whole_run, encoded_ru
         ticks.now = getattr(ticks, "now", 0) + 1
         return ticks.now
 
-    monkeypatch.setattr(stage_train, "time", SimpleNamespace(perf_counter=tick))
+    monkeypatch.setattr(train_networks, "time", SimpleNamespace(perf_counter=tick))
     stage_train.main(TINY)
     resumed = read_artifact(encoded_run / "train")
     assert resumed.content_sha256 == whole.content_sha256

@@ -22,6 +22,7 @@ from dsnet.stages import stage_infer, stage_train
 from dsnet.stages.stage_infer import InferConfig
 from dsnet.stages.stage_train import TrainConfig
 from tests.tf_dsnet.trained import train_in
+from tf_dsnet import train_networks
 from tf_dsnet.predictors import load_predictor, registered_predictors
 
 SYSTEMS = plugin.predictors()
@@ -39,7 +40,7 @@ BODY = load_body_model("embedded:female")
 @pytest.fixture(autouse=True)
 def body(monkeypatch):
     """The forged run has no corpus."""
-    for stage in (stage_train, stage_infer):
+    for stage in (train_networks, stage_infer):
         monkeypatch.setattr(stage, "body_model_path", lambda run: "embedded:female")
 
 
@@ -47,7 +48,7 @@ def body(monkeypatch):
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run in which all were trained, once: building the graphs takes half a minute."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stage_train, "body_model_path", lambda run: "embedded:female")
+        patch.setattr(train_networks, "body_model_path", lambda run: "embedded:female")
         patch.setattr(dyna_like, "RIDGES", dyna_like.RIDGES[-2:])
         return train_in(tmp_path_factory.mktemp("compared"), TINY)
 
