@@ -77,12 +77,14 @@ def main(config: ReportConfig) -> None:
     run = Run(config.run)
     last = stages_of_pipelines(run)
     named = {"evaluate", *last, *(stage for stage in _OPTIONAL if run.finished(stage))}
-    if "verify" in named and not _is_current(run, "verify"):
-        notify("left out: the table of parity, as `dsnet verify` was run before what it compared")
+    parity_is_old = "verify" in named and not _is_current(run, "verify")
+    if parity_is_old:
         named.remove("verify")
     named.update(*(beside for stage, beside in _BESIDE.items() if stage in last))
     stages = run.artifacts(*(stage for stage in _ORDER if stage in named))
     _require_measured(run, stages, last)
+    if parity_is_old:
+        notify("left out: the table of parity, as `dsnet verify` was run before what it compared")
     body = load_paper_body(str(body_model_path(run)))
     scene = Scene(stages, body, config.panel_px)
     others = of_other_seeds(run, stages["evaluate"])
