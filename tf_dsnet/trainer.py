@@ -140,9 +140,11 @@ class Trainer:
 
 def _check_output(model: keras.Model, latent_size: int) -> None:
     """Refuse a network of another form: a loss could broadcast it and say nothing."""
-    if tuple(model.output_shape) != (None, None, latent_size):
+    # A subclassed model knows its outputs only once it was called.
+    shape = getattr(model, "output_shape", (None, None, latent_size))
+    if tuple(shape) != (None, None, latent_size):
         raise DsnetError(
-            f"network {model.name!r} with outputs of shape {model.output_shape}",
+            f"network {model.name!r} with outputs of shape {shape}",
             f"(None, None, {latent_size}): {latent_size} latents at every frame",
             "End with a layer of as many units; recurrent layers need return_sequences=True.",
         )
