@@ -28,6 +28,8 @@ def layers_of(model: keras.Model) -> tuple[Layer, ...]:
 
     A second input, which frames are real, and dropout change nothing in a prediction.
     """
+    if not getattr(model, "inputs", None):
+        raise NoChain("which is a class of its own, not a graph of layers")
     if (size := model.inputs[0].shape[-1]) != INPUT_SIZE:
         raise NoChain(f"which is told {size} numbers of a frame, not betas and theta alone")
     found, before = [], model.inputs[0]

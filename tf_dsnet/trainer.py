@@ -133,7 +133,7 @@ class Trainer:
 
     def _loss_of(self, batch: dict[str, tf.Tensor], training: bool = False) -> tf.Tensor:
         motion, real = batch["motion"], batch["real"]
-        knows_real = len(self.model.inputs) > 1
+        knows_real = self._masked and len(getattr(self.model, "inputs", (motion, real))) > 1
         predicted = self.model([motion, real] if knows_real else motion, training=training)
         return self._loss_function(batch["latents"], predicted, real if self._masked else None)
 
