@@ -76,7 +76,20 @@ class ArtifactWriter:
             self._made.mkdir(parents=True)
             self.checkpoints.mkdir()
             write_text_atomically(mark, fingerprint)
-        self._started = time.perf_counter()
+        # As if this turn had begun so much earlier.
+        self._started = time.perf_counter() - self._earlier_turns_s()
+
+    def _earlier_turns_s(self) -> float:
+        """Seconds of the turns before, which were killed: each counts to the last file it wrote."""
+        kept, before_s = self.checkpoints / "turns", 0.0
+        try:
+            earlier_s, began = map(float, kept.read_text(encoding="utf-8").split())
+            written = [path.stat().st_mtime for path in kept.parents[1].rglob("*") if path != kept]
+            before_s = max(0.0, earlier_s) + max(0.0, max(written) - began)
+        except (OSError, ValueError):  # none, or a damaged one: no reason to stop work
+            pass
+        write_text_atomically(kept, f"{before_s} {time.time()}")
+        return before_s
 
     def put(self, name: str, array: ArrayLike, unit: str) -> None:
         """Store a whole array as `<name>.npy`; `unit` goes to the manifest."""

@@ -437,6 +437,41 @@ def test_a_stage_that_was_made_from_itself_is_refused(
         Run(folder.parent.name).check_chain(["align"])
 
 
+def written(path: Path, at: float) -> Path:
+    """A file of a turn, last changed then."""
+    path.touch()
+    os.utime(path, (at, at))
+    return path
+
+
+@pytest.mark.parametrize("text", ["", "1", "x y", "1 2 3", "\xff"])
+def test_a_damaged_time_stops_no_work(tmp_path, text):
+    first = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="a")
+    (first.checkpoints / "turns").write_bytes(text.encode("latin-1"))
+    second = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="a")
+    assert 0 <= second.finish().manifest["provenance"]["wall_time_s"] < 10
+
+
+def test_an_artifact_tells_the_time_of_all_its_turns(tmp_path):
+    begun = time.time()
+    first = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="a")
+    (first.checkpoints / "one").touch()
+    for file in first.checkpoints.iterdir():
+        os.utime(file, (begun + 60, begun + 60))
+    second = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="a")
+    second.put("x", np.zeros(3), "m")
+    made = second.finish().manifest["provenance"]
+    assert 55 < made["wall_time_s"] < 90
+
+
+def test_other_work_in_the_same_place_begins_anew(tmp_path):
+    first = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="a")
+    written(first.checkpoints / "one", time.time() + 60)
+    other = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="b")
+    other.put("x", np.zeros(3), "m")
+    assert other.finish().manifest["provenance"]["wall_time_s"] < 30
+
+
 def test_an_array_that_stays_as_it_was_written_is_not_read_again(tmp_path, monkeypatch):
     writer = ArtifactWriter(tmp_path / "s", "s", data="synthetic")
     writer.put("x", np.ones(3), "m")
