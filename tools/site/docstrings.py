@@ -27,7 +27,8 @@ class ReExports(griffe.Extension):
 
     def on_module(self, *, mod: griffe.Module, **_: Any) -> None:
         """List what a package imports from others of the tree for its users."""
-        exported = [mod.members.get(str(name)) for name in mod.exports or () if mod.is_init_module]
+        names = [str(name) for name in mod.exports or () if mod.is_init_module]
+        exported = [mod.members.get(name) for name in names if not name.startswith("_")]
         handed_on = [member for member in exported if isinstance(member, griffe.Alias)]
         for member in handed_on:
             member.public = False
