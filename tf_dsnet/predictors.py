@@ -32,11 +32,19 @@ from bridge.exchange.dsnet import (
     make_clips,
 )
 from bridge.exchange.train_options import PredictorSettings
+from bridge.paper import INPUT_SIZE
 from bridge.plugins import entry_named, with_plugins
 from bridge.runs import Artifact
+from bridge.runs.files import json_sha256
 from tf_dsnet.framework import keras, tf
-from tf_dsnet.model import BlockLSTM, assign_weights, build_dsnet, with_own_names
-from tf_dsnet.trainer import Build, DsnetTraining, Trainer
+from tf_dsnet.model import (
+    BlockLSTM,
+    assign_weights,
+    build_dsnet,
+    parameter_counts,
+    with_own_names,
+)
+from tf_dsnet.trainer import Build, DsnetTraining, Trainer, described
 
 PAPER_LR = 1e-4
 """Adam's learning rate in Section 5."""
@@ -162,6 +170,13 @@ class DsnetPredictor:
         options = {"masked": masked, "lstm_layer": BlockLSTM}  # an LSTM that is quick on a CPU
         known = inspect.signature(build).parameters
         return partial(build, **{n: option for n, option in options.items() if n in known})
+
+    def network_sha256(self, masked: bool) -> str:
+        """Digest of the layers and widths of a `build` of one's own; empty for the paper's."""
+        if self.build is None:
+            return ""
+        model = with_own_names(self._build_to_train(masked)(input_size=INPUT_SIZE))
+        return json_sha256([described(model), parameter_counts(model)])
 
     def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
         trained = TrainedDsnet.from_arrays(self.name, arrays)

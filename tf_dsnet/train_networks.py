@@ -18,14 +18,16 @@ from bridge.exchange.train_options import NetworksRecord
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.run import TRAIN, body_model_path
 from bridge.runs.workers import worker_pool
+from tf_dsnet.kept_networks import plan_networks
 from tf_dsnet.predictors import Predictor, PredictorTraining, TrainingData, predictors_named
 from tf_dsnet.trainer import DsnetTraining
 
 
 def train_networks(run: Run, config: NetworksRecord) -> None:
-    """Make `train`: the predictors that the configuration names learn latents."""
+    """Make `train`: the networks that the configuration names learn latents, others stay."""
     chosen = predictors_named(config.predictors)
     encoded = run.artifact("encode")
+    plan = plan_networks(run, encoded, config, chosen)
     body = cache(lambda: load_paper_body(str(body_model_path(run))))
 
     @cache
@@ -36,29 +38,26 @@ def train_networks(run: Run, config: NetworksRecord) -> None:
         return TrainingData(train, validation, body)
 
     def make(writer: ArtifactWriter) -> None:
+        described = plan.copy_kept(run, writer)
         trainings = {
             entry.name: entry.training(
                 config, clips_of(entry.code), writer.checkpoints / f"{entry.name}.safetensors"
             )
-            for entry in chosen
+            for entry in plan.new
         }
-        epoch_s = _train(trainings, config)
+        epoch_s = _train(trainings, config) if trainings else {}
         writer.record_measured(**{f"epoch_s_{name}": round(s, 4) for name, s in epoch_s.items()})
-        described = {
-            entry.name: _store(entry, trainings[entry.name], config, writer) for entry in chosen
-        }
-        last = config.epochs
-        epochs = [e + 1 for e in range(last) if _due(e, config.validate_every, last)]
-        writer.put("validation_epochs", np.array(epochs, np.int32), "epoch")
-        shown = chosen[0].name
+        for entry in plan.new:
+            described[entry.name] = _store(entry, trainings[entry.name], config, writer)
+        default = plan.names[0]
         writer.record(
-            default=shown,
-            predictors=described,
-            # Of the one that is shown: networks of other inputs have other numbers of parameters.
-            parameters=trainings[shown].parameters(),
+            default=default,
+            predictors={name: described[name] for name in plan.names},
+            # Of the default: networks of other inputs have other numbers of parameters.
+            parameters=described[default]["counts"],
         )
 
-    run.build(TRAIN, config, make, data=encoded.origin, upstream={"encode": encoded})
+    run.build(TRAIN, plan.config, make, data=encoded.origin, upstream={"encode": encoded})
 
 
 def _train(
@@ -105,10 +104,14 @@ def _store(
     writer.put(f"loss_{name}", np.array(training.losses, np.float32), unit)
     validation = np.array(training.validation_losses, np.float32)
     writer.put(f"validation_loss_{name}", validation, unit)
+    last = config.epochs
+    epochs = [e + 1 for e in range(last) if _due(e, config.validate_every, last)]
+    writer.put(f"validation_epochs_{name}", np.array(epochs, np.int32), "epoch")
     return {
         "label": entry.label,
         "lr": training.lr,
         "parameters": next(iter(training.parameters().values())),
+        "counts": training.parameters(),
         "code": entry.code,
         "departures": list(entry.departures(config)),
         **(training.described() if isinstance(training, DsnetTraining) else {}),

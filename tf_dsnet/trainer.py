@@ -118,7 +118,8 @@ class Trainer:
             if any(getattr(layer, name, 0) for name in drops)
             for number, variable in enumerate(layer.variables[len(layer.weights) :])
         }
-        moments = {variable.path: variable for variable in self.optimizer.variables}
+        # By place: Keras numbers layers without names anew in every process.
+        moments = {f"adam/{n}": variable for n, variable in enumerate(self.optimizer.variables)}
         return {**own, **seeds, **moments}
 
     def _train_on(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
@@ -154,6 +155,14 @@ def _batch(clips: Clips, rows: NDArray | slice = slice(None)) -> dict[str, tf.Te
     """Motions, latents and which frames are real of the clips in these rows."""
     arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
     return {name: tf.constant(array[rows]) for name, array in arrays.items()}
+
+
+def described(model: keras.Model) -> dict[str, Any]:
+    """What a manifest says of a network: its `layers`, or why it is `no_chain` of them."""
+    try:
+        return {"layers": layers_as_json(layers_of(model))}
+    except NoChain as reason:
+        return {"no_chain": str(reason)}
 
 
 class DsnetTraining:
@@ -201,11 +210,7 @@ class DsnetTraining:
         return TrainedDsnet(self.name, weights, self._scaling).arrays()
 
     def described(self) -> dict[str, Any]:
-        """What a manifest says of the network: its `layers`, or why it is `no_chain` of them."""
-        try:
-            return {"layers": layers_as_json(layers_of(self.trainer.model))}
-        except NoChain as reason:
-            return {"no_chain": str(reason)}
+        return described(self.trainer.model)
 
     def parameters(self) -> dict[str, int]:
         return parameter_counts(self.trainer.model)

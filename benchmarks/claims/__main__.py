@@ -18,8 +18,8 @@ not of people; it is a rule on the number (`benchmarks/claims/row.py`). ± is th
 deviation over training seeds.
 
 Rows with *standardised* and *faithful* are of the paper's whole pipeline at its size, from
-aligner to decoder ([the two](../README.md#reproduce-it)). The others ask of the network alone, on data
-that its aligner has not harmed: R² of offsets against the true ones, learned from principal
+aligner to decoder ([the two](../README.md#reproduce-it)). The others ask of the network alone, on
+data that its aligner has not harmed: R² of offsets against the true ones, learned from principal
 components of what the robust aligner gives, with rate and epoch chosen alike for all.
 """
 _TAIL = """

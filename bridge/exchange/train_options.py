@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from tyro.conf import Fixed
 
@@ -39,12 +41,20 @@ class NetworksRecord(PredictorSettings):
     """Which predictors to train; all of the product that the run can when left out, with one line
     about those that it cannot. `dsnet_faithful`: raw inputs and latents. `dsnet_standardised`: both
     scaled, a departure from the silent paper. `dsnet_plus`: oscillators on the skin, of the robust
-    aligner's offsets. Others are those of the modules that DSNET_PLUGINS names. The first network
-    is the one that `report` shows."""
+    aligner's offsets. Others are those of the modules that DSNET_PLUGINS names. Networks that the
+    run has trained on the same latents stay beside them; the first one is what `report` shows."""
     validate_every: Fixed[PositiveInt] = 10
     """Epochs between two validation losses."""
     checkpoint_every: Fixed[PositiveInt] = 100
     """Epochs between two checkpoints."""
+
+
+def settings_of(train: Mapping[str, Any]) -> Mapping[str, Any]:
+    """With which settings the default predictor of a manifest was trained; each network of `train`
+    has its own."""
+    config = train["config"]
+    of_each = config.get("predictors")
+    return of_each[train["default"]] if isinstance(of_each, Mapping) else config
 
 
 @dataclass(frozen=True)

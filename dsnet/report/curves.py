@@ -192,8 +192,8 @@ def draw_predictor_losses(path: Path, title: str, x: str, y: str, trained: Artif
             loss = trained.array(f"loss_{name}")
             panel = one["label"] + (f", Adam {one['lr']:g}" if "lr" in one else "")
             panels[panel] = {"training": (1 + np.arange(len(loss)), loss)}
-            if (validated := f"validation_loss_{name}") in arrays:
-                curve = trained.array("validation_epochs"), trained.array(validated)
+            if (epochs := f"validation_epochs_{name}") in arrays:
+                curve = trained.array(epochs), trained.array(f"validation_loss_{name}")
                 panels[panel]["validation"] = curve
     _draw_losses(path, title, trained.origin, panels, x, y)
 

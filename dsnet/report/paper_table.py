@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bridge.exchange import load_weights
+from bridge.exchange.train_options import settings_of
 from bridge.motion import sequences_of
 from bridge.motion.sequences import is_real_motion
 from bridge.paper import (
@@ -123,7 +124,7 @@ def _data(stages: Stages, gender: str) -> dict[str, Measured]:
         "mosh_fps": mosh_rate(stages.get("corpus")),
         "duration_s": Measured((shortest_s, longest_s), "this run's corpus"),
         "usual_frames": Measured(usual, "10th and 90th percentile of this run's lengths"),
-        "clip_frames": Measured(stages["train"].manifest["config"]["frames"], _SET),
+        "clip_frames": Measured(settings_of(stages["train"].manifest)["frames"], _SET),
         "validation_sequence": Measured(held_out, "set by the run, or not among its sequences"),
         **{f"sequences_{p}": aligned if g == gender else other for g, p in _PEOPLE.items()},
         **{f"mosh_sequences_{p}": predicted if g == gender else other for g, p in _PEOPLE.items()},
@@ -210,7 +211,7 @@ def _autoencoder(stages: Stages) -> dict[str, Measured]:
 
 def _dsnet(stages: Stages) -> dict[str, Measured]:
     manifest = stages["train"].manifest
-    config, name = manifest["config"], stages["infer"].manifest["default"]
+    config, name = settings_of(manifest), stages["infer"].manifest["default"]
     predictor, made = manifest["predictors"][name], manifest["provenance"]
     weights = load_weights(stages["train"].file(f"{name}.safetensors"))
     # Read from the file, so that no predictor is known here by its name.

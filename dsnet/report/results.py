@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bridge.errors import notify
+from bridge.exchange.train_options import settings_of
 from bridge.motion import sequences_of
 from bridge.motion.splits import CELLS, kind_of
 from bridge.runs import Artifact, Run
@@ -162,7 +163,7 @@ def _stage(manifest: dict[str, Any]) -> dict[str, Any]:
     apart = (*_OF_EVERY_STAGE, *_SHOWN_OF_STAGES)
     return {
         **{key: provenance[key] for key in _SHOWN_OF_STAGES},
-        "seed": manifest["config"].get("seed"),
+        "seed": settings_of(manifest).get("seed"),
         "config": manifest["config"],
         "measured": {key: value for key, value in provenance.items() if key not in apart},
     }
@@ -193,7 +194,7 @@ def _of_seeds(stages: Stages, others: Mapping[int, Artifact]) -> dict[str, Any]:
     pipelines = evaluate.manifest["pipelines"].values()
     names = [name for pipeline in pipelines for name in pipeline["predictors"]]
     cells = (one.manifest["cells"] for one in (evaluate, *others.values()))
-    seeds = [trained.manifest["config"]["seed"], *others]
+    seeds = [settings_of(trained.manifest)["seed"], *others]
     return {"seeds": seeds, "cells": spread_over(cells, names)}
 
 

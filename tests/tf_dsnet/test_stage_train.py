@@ -16,6 +16,7 @@ from bridge import DsnetError
 from bridge.body import load_body_model
 from bridge.exchange import load_weights
 from bridge.exchange.dsnet import load_trained_dsnet
+from bridge.exchange.train_options import settings_of
 from bridge.options import check_options
 from bridge.runs import Run, read_artifact, write_artifact
 from dsnet.stages import stage_infer, stage_train
@@ -25,7 +26,9 @@ from tests.forged.plus import soft_flesh, write_plus
 from tests.tf_dsnet.plus import TINY as PLUS_TINY
 from tests.tf_dsnet.plus import forge_run, teach_nothing
 from tests.tf_dsnet.trained import train_in
-from tf_dsnet import train_networks, trainer
+from tf_dsnet import predictors, train_networks, trainer
+from tf_dsnet.framework import keras
+from tf_dsnet.predictors import DsnetPredictor
 
 TINY = TrainConfig(run="tiny", epochs=5, frames=32, validate_every=2, checkpoint_every=2)
 
@@ -54,7 +57,7 @@ def test_stage_leaves_both_predictors(whole_run):
         assert artifact.array(f"loss_{name}").shape == (5,)
         assert artifact.array(f"validation_loss_{name}").shape == (3,)
         assert artifact.manifest["provenance"][f"epoch_s_{name}"] > 0
-    np.testing.assert_array_equal(artifact.array("validation_epochs"), [2, 4, 5])
+        np.testing.assert_array_equal(artifact.array(f"validation_epochs_{name}"), [2, 4, 5])
     assert artifact.manifest["parameters"] == {"dsnet": 65_140, "dsnet_trainable": 65_020}
     assert artifact.manifest["default"] == "dsnet_standardised"
     faithful, standardised = (artifact.manifest["predictors"][name] for name in BOTH[::-1])
@@ -135,6 +138,93 @@ def test_a_predictor_whose_checkpoint_is_behind_catches_up(whole_run, encoded_ru
     assert [resumed.manifest["provenance"][f"epoch_s_{name}"] for name in BOTH] == [1.0, 1.0]
 
 
+class Gru(DsnetPredictor):
+    """A network of one's own, without names of layers."""
+
+    units = 8
+
+    def __init__(self, name: str = "gru") -> None:
+        super().__init__(name, "GRU", build=self._network)
+
+    def _network(self, input_size: int) -> keras.Model:
+        motion = keras.Input((None, input_size))
+        recurrent = keras.layers.GRU(self.units, return_sequences=True)(motion)
+        return keras.Model(motion, keras.layers.Dense(100)(recurrent))
+
+
+@pytest.fixture
+def with_gru(monkeypatch: pytest.MonkeyPatch) -> type[Gru]:
+    """A registered predictor `gru` whose width a test may change."""
+    entries = {**predictors.registered_predictors(), "gru": Gru()}
+    monkeypatch.setattr(predictors, "registered_predictors", lambda: entries)
+    monkeypatch.setattr(Gru, "units", Gru.units)
+    return Gru
+
+
+def weights_of(run: Path, name: str) -> bytes:
+    return (run / "train" / f"{name}.safetensors").read_bytes()
+
+
+def test_trained_networks_stay_beside_a_new_one(trained_run, with_gru, capsys):
+    before = read_artifact(trained_run / "train")
+    weights = {name: weights_of(trained_run, name) for name in BOTH}
+    stage_train.main(replace(TINY, predictors=("gru",), epochs=3))
+    assert ", ".join(BOTH) in capsys.readouterr().err
+    after = read_artifact(trained_run / "train")
+    after.verify()
+    assert list(after.manifest["predictors"]) == [*BOTH, "gru"]
+    assert after.manifest["default"] == "dsnet_standardised"
+    assert after.manifest["parameters"] == before.manifest["parameters"]
+    for name in BOTH:
+        assert weights_of(trained_run, name) == weights[name]
+        assert after.manifest["predictors"][name] == before.manifest["predictors"][name]
+        np.testing.assert_array_equal(after.array(f"loss_{name}"), before.array(f"loss_{name}"))
+        assert after.array(f"validation_epochs_{name}").tolist() == [2, 4, 5]
+    assert after.array("validation_epochs_gru").tolist() == [2, 3]
+
+    # Named with the settings that each has, or not at all: nothing is made.
+    for names, epochs in (((), 5), (("gru",), 3), (("dsnet_faithful",), 5)):
+        stage_train.main(replace(TINY, predictors=names, epochs=epochs))
+        assert read_artifact(trained_run / "train").content_sha256 == after.content_sha256
+
+
+def test_a_network_is_trained_again_when_settings_or_layers_change(trained_run, with_gru):
+    both = replace(TINY, predictors=("gru",))
+    stage_train.main(both)
+    faithful, gru = (weights_of(trained_run, name) for name in ("dsnet_faithful", "gru"))
+    with_gru.units = 9
+    stage_train.main(both)
+    assert weights_of(trained_run, "gru") != gru
+    assert weights_of(trained_run, "dsnet_faithful") == faithful
+    stage_train.main(replace(TINY, predictors=("dsnet_faithful",), epochs=6))
+    assert weights_of(trained_run, "dsnet_faithful") != faithful
+    again = read_artifact(trained_run / "train")
+    assert again.array("loss_dsnet_faithful").shape == (6,)
+    assert again.array("loss_dsnet_standardised").shape == (5,)
+    settings = again.manifest["config"]["predictors"]
+    epochs = {name: one["epochs"] for name, one in settings.items()}
+    assert epochs == {"dsnet_standardised": 5, "dsnet_faithful": 6, "gru": 5}
+
+
+def test_who_names_all_networks_gives_their_order(trained_run):
+    stage_train.main(replace(TINY, predictors=BOTH[::-1]))
+    artifact = read_artifact(trained_run / "train")
+    assert artifact.manifest["default"] == "dsnet_faithful"
+    assert list(artifact.manifest["predictors"]) == [*BOTH[::-1]]
+
+
+def test_networks_of_other_latents_do_not_stay(trained_run, with_gru):
+    encoded = read_artifact(trained_run / "encode")
+    latents = encoded.array("latents") * 2
+    arrays = {name: encoded.array(name) for name in encoded.manifest["arrays"]}
+    units = {name: one["unit"] for name, one in encoded.manifest["arrays"].items()}
+    extra = {"sequences": encoded.manifest["sequences"]}
+    write_artifact(encoded.path, "encode", {**arrays, "latents": latents}, units=units,
+                   data="synthetic", **extra)  # fmt: skip
+    stage_train.main(replace(TINY, predictors=("gru",), epochs=1))
+    assert list(read_artifact(trained_run / "train").manifest["predictors"]) == ["gru"]
+
+
 def test_unknown_run_is_one_line(runs):
     with pytest.raises(DsnetError, match="unknown run 'nope'") as caught:
         stage_train.main(replace(TINY, run="nope"))
@@ -163,7 +253,7 @@ def test_all_that_the_run_can_train_is_trained_and_predicts(encoded_run, monkeyp
     assert capsys.readouterr().err == ""
     made = [read_artifact(encoded_run / name).manifest for name in ("train", "train_plus")]
     assert [list(one["predictors"]) for one in made] == [list(BOTH), ["dsnet_plus"]]
-    assert [one["config"]["seed"] for one in made] == [few.seed, few.seed]
+    assert [settings_of(one)["seed"] for one in made] == [few.seed, few.seed]
     stage_infer.main(InferConfig("tiny"))
     predicted = [read_artifact(encoded_run / name) for name in ("infer", "infer_plus")]
     assert "latents_dsnet_faithful" in predicted[0].manifest["arrays"]

@@ -181,7 +181,7 @@ def _forge_train(root: Path, rng: np.random.Generator) -> None:
         loss = scale * np.geomspace(1, 0.1, 40) * rng.uniform(0.9, 1.1, 40)
         writer.put(f"loss_{name}", loss.astype(np.float32), "1")
         writer.put(f"validation_loss_{name}", loss[9::10].astype(np.float32) * 1.5, "1")
-    writer.put("validation_epochs", np.arange(10, 41, 10, dtype=np.int32), "epoch")
+        writer.put(f"validation_epochs_{name}", np.arange(10, 41, 10, dtype=np.int32), "epoch")
     writer.record(
         parameters={"dsnet": 65_140, "dsnet_trainable": 65_020},
         default="dsnet_small",
@@ -193,7 +193,10 @@ def _forge_train(root: Path, rng: np.random.Generator) -> None:
         },
     )
     writer.record_measured(**{f"epoch_s_{name}": 0.1 for name in PREDICTORS})
-    writer.finish(config={"seed": 0, "epochs": 40, "frames": 300, "batch_size": 16})
+    settings = {"seed": 0, "epochs": 40, "frames": 300, "batch_size": 16}
+    writer.finish(
+        config={"default": "dsnet_small", "predictors": dict.fromkeys(PREDICTORS, settings)}
+    )
 
 
 @pytest.fixture(scope="session")
