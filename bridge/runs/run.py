@@ -95,8 +95,25 @@ class Run:
     def check_chain(self, stages: Iterable[str]) -> None:
         """Refuse stages that are older than what they, or those before, were made of.
 
-        What was deleted since cannot be compared and is passed over. The refusal names the stages
-        to run again, in order.
+        The refusal names the stages to run again, in order.
+        """
+        old, newer = self.old_stages(stages)
+        if not old:
+            return
+        remade = ", ".join(map(repr, newer))
+        those = f"stages {', '.join(old)} are" if len(old) > 1 else f"stage {old[0]} is"
+        commands = (f"`dsnet {command_of(stage)} --run {self.name}`" for stage in old)
+        raise DsnetError(
+            f"run {self.name!r}, whose {those} older than {remade}",
+            "one chain",
+            f"Run {', '.join(dict.fromkeys(commands))} again, with the options they had.",
+        )
+
+    def old_stages(self, stages: Iterable[str]) -> tuple[list[str], list[str]]:
+        """Of these finished stages and those before them: which are older than what they were made
+        of, sources first, and what is newer.
+
+        What was deleted since cannot be compared and is passed over.
         """
         seen: dict[str, bool] = {}
         newer: list[str] = []
@@ -130,16 +147,7 @@ class Run:
 
         for stage in stages:
             is_old(stage)
-        if not (old := [stage for stage, found in seen.items() if found]):
-            return
-        remade = ", ".join(map(repr, dict.fromkeys(newer)))
-        those = f"stages {', '.join(old)} are" if len(old) > 1 else f"stage {old[0]} is"
-        commands = (f"`dsnet {command_of(stage)} --run {self.name}`" for stage in old)
-        raise DsnetError(
-            f"run {self.name!r}, whose {those} older than {remade}",
-            "one chain",
-            f"Run {', '.join(dict.fromkeys(commands))} again, with the options they had.",
-        )
+        return [stage for stage, is_older in seen.items() if is_older], [*dict.fromkeys(newer)]
 
     def _without(self, stage: str) -> DsnetError:
         having = f"run {self.name!r} without {stage!r}"

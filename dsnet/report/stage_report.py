@@ -45,6 +45,7 @@ from dsnet.report.pages import render_html, render_markdown
 from dsnet.report.panels import FOOTERS
 from dsnet.report.paper_table import validation_result
 from dsnet.report.results import departures, of_other_seeds, summarise
+from dsnet.report.update import update_stages
 
 _BESIDE = {"decode": ("train-ae", "encode", "train"), INFER_PLUS: (TRAIN_PLUS,)}
 _OPTIONAL = ("corpus", "truth", "verify")
@@ -62,6 +63,9 @@ class ReportConfig:
 
     run: str = "demo"
     """Run to report on."""
+    update: bool = False
+    """First run again, with the options they had, the stages that a change has made old: after a
+    new predictor was trained this infers, decodes, evaluates and verifies."""
     panel_px: Fixed[PositiveInt] = 300
     """Height of one rendered body in pixels."""
 
@@ -75,6 +79,8 @@ PROFILES = {
 
 def main(config: ReportConfig) -> None:
     run = Run(config.run)
+    if config.update:
+        update_stages(run, [stage for stage in _ORDER if run.finished(stage)])
     last = stages_of_pipelines(run)
     named = {"evaluate", *last, *(stage for stage in _OPTIONAL if run.finished(stage))}
     parity_is_old = "verify" in named and not _is_current(run, "verify")
@@ -90,7 +96,7 @@ def main(config: ReportConfig) -> None:
     others = of_other_seeds(run, stages["evaluate"])
     run.build(
         "report",
-        config,
+        {"panel_px": config.panel_px},
         lambda writer: _make(writer, scene, config.run, others),
         data=scene.origin,
         upstream=stages | {f"seed_{seed}": evaluate for seed, evaluate in others.items()},

@@ -90,3 +90,19 @@ def test_the_page_shows_the_table_and_what_failed(forged, verify, tmp_path, monk
     assert "| torch 2.0 | float64 | 1e-15 | 1e-13 |" in page
     assert "| keras 3.0 | float32 | 2e-01 | - |" in page
     assert "- keras: layer lstm" in page
+
+
+def test_an_older_table_is_left_out_and_the_report_made(
+    forged, verify, tmp_path, monkeypatch, capsys
+):
+    run = tmp_path / "runs" / "older"
+    shutil.copytree(forged.path, run)
+    writer = ArtifactWriter(run / "verify", "verify", data="synthetic")
+    writer.file_path("parity.json").write_text(json.dumps(PARITY))
+    writer.finish(upstream={"train": "0" * 64})
+    monkeypatch.setenv("DSNET_RUNS", str(run.parent))
+    monkeypatch.setattr(stage_report, "plan_figures", lambda scene: [])
+    evaluate_run(Run("older"))
+    stage_report.main(stage_report.ReportConfig(run="older"))
+    assert "verify" in capsys.readouterr().err
+    assert "rows hold" not in (run / "report" / "report.md").read_text()
