@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.sources import PACKAGES, ROOT, imported_modules, parsed, source_files
+from tools.draw_architecture import PICTURE, drawn, imports, without_detours
 
 NO_PRODUCT = {"benchmarks", "tools", "tests"}
 FRAMEWORK_OF = {"torch_align_ae": "torch", "tf_dsnet": "tensorflow"}
@@ -143,6 +144,28 @@ def test_the_page_shows_this_order(package: str) -> None:
     folders = [name for name in ORDER[package] if name and not name.endswith(".py")]
     (drawn,) = re.findall(rf"^    {package}/ .*\n((?: {{8}}\w+/ .*\n)+)", page, re.MULTILINE)
     assert re.findall(r"^ {8}(\w+)/", drawn, re.MULTILINE) == folders
+
+
+def test_the_picture_shows_the_imports() -> None:
+    assert PICTURE.read_text(encoding="utf-8") == drawn()
+
+
+@pytest.mark.parametrize("package", ORDER)
+def test_the_picture_leaves_out_only_arrows_that_follow_from_others(package: str) -> None:
+    folders = [name for name in ORDER[package] if name and not name.endswith(".py")]
+    found: dict[str, set[str]] = {folder: set() for folder in folders}
+    for path in source_files(package):
+        modules = (name.split(".") for name in imported_modules(path))
+        inner = {parts[1] for parts in modules if parts[0] == package and len(parts) > 1}
+        if (folder := folder_of(path)) in found:
+            found[folder] |= inner & {*folders} - {folder}
+    shown = without_detours(found)
+    assert imports(package, folders) == found
+    for folder in folders:
+        reached, last = set(shown[folder]), set()
+        while reached != last:
+            last, reached = reached, reached.union(*(shown[one] for one in reached))
+        assert found[folder] <= reached
 
 
 @pytest.mark.parametrize("package", ORDER)
