@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
@@ -145,6 +145,10 @@ class TrainedModel:
     @cached_property
     def model(self) -> Model:
         return self.open(self.body)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Fields alone: another process opens the model itself, as no session can be sent."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def on(self, body: BodyModelData, body_model: str) -> TrainedModel:
         """The same, to move another body."""

@@ -12,6 +12,7 @@ import numpy as np
 import onnx
 import pytest
 
+import dsnet
 from bridge.body import load_body_model
 from bridge.motion import load_motion_file
 from bridge.runs import Run, read_artifact
@@ -27,6 +28,7 @@ from tests.dsnet.view.conftest import JUMP, forged_run
 from tests.dsnet.view.pages import facts_of, track_m
 from tests.forged.codec import write_codec
 from tests.forged.encoded import write_encoded
+from tests.forged.many_motions import forge
 from tests.forged.plugin import use_plugin
 from tests.forged.plus import soft_flesh
 from tests.pages import python_blocks
@@ -76,6 +78,13 @@ def predicted(run: Run, tmp_path_factory: pytest.TempPathFactory) -> dict[str, n
 def test_it_predicts_and_moves(predicted):
     assert np.ptp(predicted["latents"], axis=0).max() > 0.1
     assert np.ptp(predicted["offsets"], axis=0).max() > 1e-4
+
+
+def test_a_loaded_one_predicts_a_folder_of_motions(run, tmp_path):
+    model = dsnet.load_model("r", "gru")
+    out = dsnet.predict(forge(tmp_path / "motions", 2), tmp_path / "out", model)
+    made = [read_artifact(path.parent) for path in out.rglob("*/manifest.json")]
+    assert [one.manifest["predictor"] for one in made] == ["gru"] * 2
 
 
 def test_it_streams_what_it_predicts(run, predicted):
