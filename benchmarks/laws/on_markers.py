@@ -14,7 +14,7 @@ from benchmarks.processes import run_as_process
 from bridge.body import load_body_model
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
-from bridge.motion.resampling import load_motion_file
+from bridge.motion.resampling import load_motion
 from bridge.options import PositiveFloat
 from bridge.paper import FPS
 from dsnet.markers.bone_pose import bony_motion
@@ -41,7 +41,7 @@ class OnMarkersConfig:
 
 def main(config: OnMarkersConfig) -> None:
     """Write the comparison, on the pose of the file and on one whose chest follows bone."""
-    motion = load_motion_file(config.motion, config.motion_fps, FPS)
+    motion = load_motion(config.motion, config.motion_fps, FPS)
     gender = motion.gender if motion.gender in ("female", "male") else "female"
     body = load_body_model(f"embedded:{gender}")
     motion = motion.about_root_joint(shaped_joints(body, motion.betas[None])[0, 0])

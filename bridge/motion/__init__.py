@@ -1,7 +1,7 @@
 """Motions: the pose vector theta, files of motions, sequences, and who is trained on what."""
 
 from bridge.motion.motion import Motion, pack_theta, unpack_theta
-from bridge.motion.resampling import load_motion_file
+from bridge.motion.resampling import load_motion
 from bridge.motion.sequences import (
     MotionSequence,
     sequences_of,
@@ -13,7 +13,7 @@ from bridge.motion.sequences import (
 __all__ = [
     "Motion",
     "MotionSequence",
-    "load_motion_file",
+    "load_motion",
     "pack_theta",
     "sequences_of",
     "subject_rows",

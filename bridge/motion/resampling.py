@@ -40,7 +40,7 @@ _FRAME_TOLERANCE = 1e-3
 _FEWEST_OF_SPLINE = 4
 
 
-def load_motion_file(
+def load_motion(
     path: Path | str,
     source_fps: float | None = None,
     fps: float = FPS,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
-from bridge.motion import Motion, load_motion_file
+from bridge.motion import Motion, load_motion
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
 from bridge.tissue.oscillators import node_loads
@@ -83,7 +83,7 @@ def read_take(path: Path, body: BodyModelData) -> Take:
     `DsnetError` if it has no markers, none on the bone of the chest, or none on soft places, or
     says a rate at which nobody falls.
     """
-    motion = with_own_shape(load_motion_file(pose_file(path)), body, told=False)
+    motion = with_own_shape(load_motion(pose_file(path)), body, told=False)
     markers = read_markers(path, motion.source_fps, motion.duration_s)
     motion = motion.about_root_joint(root_joint_m(body, motion.betas))
     registered = register(body, motion, markers)

@@ -19,7 +19,7 @@ from bridge.body.model_data import GENDERS, SMPL_JOINT_NAMES
 from bridge.body.parts import GROUPS, PARTS, part_weights
 from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.errors import DsnetError, notify, unknown_name
-from bridge.motion import Motion, load_motion_file, pack_theta
+from bridge.motion import Motion, load_motion, pack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import HowRead
 from bridge.motion.skeletons import read_joint_map
@@ -118,7 +118,7 @@ class Controls(MotionOptions):
         if source is not None and not body_asked(self.body):
             trained = self.model(source, predictor, load=load)
         how = self.how_read()
-        motion = load_motion_file(path, self.motion_fps, smooth_hz=self.smooth_hz, how=how)
+        motion = load_motion(path, self.motion_fps, smooth_hz=self.smooth_hz, how=how)
         return trained or self.model(source, predictor, motion, load), motion
 
     def model(
@@ -191,7 +191,7 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
             raise DsnetError(
                 f"{motion.source}, read with {name}={read}",
                 f"it with {wanted}, as the controls say",
-                f"Read it by load_motion_file(path, {name}={wanted!r}).",
+                f"Read it by load_motion(path, {name}={wanted!r}).",
             )
     if motion.fps != FPS:
         raise DsnetError(

@@ -15,7 +15,7 @@ from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import PeopleOfFolders, find_motion_files, subject_and_motion
-from bridge.motion.resampling import load_motion_file
+from bridge.motion.resampling import load_motion
 from bridge.runs import Artifact, Run
 from bridge.runs.run import body_model_path
 from dsnet.prediction.shape_space import with_own_shape
@@ -63,7 +63,7 @@ def gather(
     for path in files:
         body = body or load_paper_body(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
-        motion = load_motion_file(path, source_fps)
+        motion = load_motion(path, source_fps)
         pieces, smoothing = pieces_between_cuts(motion.theta), "`dsnet predict --smooth-hz auto`"
         for warning in motion_warnings(motion, pieces, "--amass-fps", smoothing):
             notify(warning)

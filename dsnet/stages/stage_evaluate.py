@@ -11,7 +11,7 @@ import numpy as np
 from tyro.conf import Fixed
 
 from bridge.errors import DsnetError, notify
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.motion.motion import HowRead
 from bridge.options import PositiveFloat
 from bridge.runs import Run
@@ -76,7 +76,7 @@ def main(config: EvaluateConfig) -> None:
 def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     """Compare what a predictor makes of a motion with the markers of that motion."""
     run = None if config.run is None else Run(config.run)
-    motion = load_motion_file(pose_file(markers), config.motion_fps, how=HowRead(up="z"))
+    motion = load_motion(pose_file(markers), config.motion_fps, how=HowRead(up="z"))
     trained = load_model(run, None, motion.gender)
     motion = with_own_shape(motion, trained.body)  # where it is, the markers say
     motion = motion.about_root_joint(persons_root_joint_m(motion, trained.body))

@@ -60,7 +60,7 @@ class Stream:
     stderr.
 
     The model computes 60 ticks a second. At another rate poses are interpolated to ticks, as
-    `load_motion_file` resamples files of 60 and more frames a second (through slower ones it lays
+    `load_motion` resamples files of 60 and more frames a second (through slower ones it lays
     splines, which look ahead), and what is made of ticks to frames. Answers are `latency_frames`
     late: the model looks ahead by some ticks, and a frame needs the ticks before and after it.
 

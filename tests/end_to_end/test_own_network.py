@@ -13,7 +13,7 @@ import onnx
 import pytest
 
 from bridge.body import load_body_model
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.runs import Run, read_artifact
 from bridge.tissue.trained_plus import NAME
 from dsnet.cli import main
@@ -80,7 +80,7 @@ def test_it_predicts_and_moves(predicted):
 
 def test_it_streams_what_it_predicts(run, predicted):
     bodies = Stream("r", "gru")
-    motion = bodies.placed(load_motion_file(Path(MOTION)))
+    motion = bodies.placed(load_motion(Path(MOTION)))
     who = bodies.join(motion.betas)
     moved = [bodies.step({who: theta})[who] for theta in motion.theta]
     for name, each in (
@@ -93,7 +93,7 @@ def test_it_streams_what_it_predicts(run, predicted):
 def test_the_exported_graph_gives_what_it_predicts(run, predicted, tmp_path):
     path = tmp_path / "gru.onnx"
     main(["export", "--to", "onnx", *ASKED, "--out", str(path)])
-    motion = Stream("r", "gru").placed(load_motion_file(Path(MOTION)))
+    motion = Stream("r", "gru").placed(load_motion(Path(MOTION)))
     theta, betas = (array.astype(np.float32) for array in (motion.theta, motion.betas))
     found_m = GraphSession(onnx.load_model(path)).rolled(theta[:, None], betas[None])[:, 0]
     np.testing.assert_allclose(found_m, predicted["vertices"], atol=1e-5)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
-from bridge.motion import Motion, load_motion_file, pack_theta, unpack_theta
+from bridge.motion import Motion, load_motion, pack_theta, unpack_theta
 from bridge.motion.cuts import (
     frames_of_rest_pose,
     is_cut,
@@ -202,7 +202,7 @@ def test_a_bvh_begins_with_its_motion_and_says_so(tmp_path: Path) -> None:
     pose = arms(np.where(np.arange(60) < 1, 0.0, HANGING))
     for path, first in zip(paths, (0, 1), strict=True):
         path.write_text(text(names, world_of(pose[first:]), still[first:]))
-    whole, cut = map(load_motion_file, paths)
+    whole, cut = map(load_motion, paths)
     np.testing.assert_allclose(whole.theta, cut.theta, atol=1e-9)
     assert (whole.rest_pose_frames, cut.rest_pose_frames) == (1, 0)
     (line,) = motion_warnings(whole, pieces_between_cuts(whole.theta))

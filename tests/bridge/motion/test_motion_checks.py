@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bridge.errors import DsnetError
-from bridge.motion import Motion, load_motion_file, pack_theta
+from bridge.motion import Motion, load_motion, pack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import find_pops, motion_warnings, steepest_fall_g
 from bridge.motion.readers.amass import SAMPLES, sample_path
@@ -50,7 +50,7 @@ def fall_warning(motion: Motion, pieces: list[slice]) -> str:
 
 
 def warning_of(path: Path | str, source_fps: float | None = None) -> str:
-    motion = load_motion_file(path, source_fps)
+    motion = load_motion(path, source_fps)
     return fall_warning(motion, pieces_between_cuts(motion.theta))
 
 
@@ -160,7 +160,7 @@ def test_what_lies_on_both_sides_of_a_cut_is_none() -> None:
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_no_motion_of_ours_has_one(name: str) -> None:
-    assert pops_of(load_motion_file(sample_path(name))) == {}
+    assert pops_of(load_motion(sample_path(name))) == {}
 
 
 @pytest.mark.licensed

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion import Motion, load_motion_file
+from bridge.motion import Motion, load_motion
 from dsnet.markers.marker_files import Markers, marker_file, pose_file, read_markers
 from dsnet.markers.registration import register
 from dsnet.markers.segments import SEGMENTS
@@ -34,7 +34,7 @@ class Recording:
 
 
 def load_recording(path: Path) -> Recording:
-    motion = load_motion_file(pose_file(path))
+    motion = load_motion(pose_file(path))
     return Recording(motion, read_markers(path, motion.source_fps, motion.duration_s))
 
 
@@ -68,7 +68,7 @@ def test_every_other_frame_that_mosh_fitted_is_at_half_the_rate(
 ) -> None:
     path = tmp_path / "take_stageii.pkl"
     path.write_bytes(pickle.dumps(stageii(known, per_frame=2)))
-    assert load_motion_file(path).source_fps == 60
+    assert load_motion(path).source_fps == 60
 
 
 def test_a_pickle_of_another_numpy_is_read(known: Known, tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_a_translation_that_is_no_array_is_refused(known: Known, tmp_path: Path)
     path = tmp_path / "take_stageii.pkl"
     path.write_bytes(pickle.dumps(stageii(known) | {"trans": {"x": 0.0}}))
     with pytest.raises(DsnetError, match="'trans' is an object of another kind"):
-        load_motion_file(path)
+        load_motion(path)
 
 
 def test_a_pickle_without_the_recorded_markers_is_refused(known: Known, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import MOST_FRAMES
 from bridge.motion.readers import amass
@@ -419,7 +419,7 @@ def test_hands_are_resampled_and_smoothed_as_other_joints(target: Path) -> None:
     turn[:, 66] = turn[:, 60]
     file = save(target, smplh(40, 120.0), poses=turn)
     for smooth_hz in (None, 8.0):
-        motion = load_motion_file(file, smooth_hz=smooth_hz)
+        motion = load_motion(file, smooth_hz=smooth_hz)
         assert motion.hands_and_face is not None
         assert motion.hands_and_face.shape == (20, 30, 3)
         np.testing.assert_allclose(motion.hands_and_face[:, 0], motion.pose[:, 20], atol=1e-12)

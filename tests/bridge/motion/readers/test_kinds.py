@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
-from bridge.motion import Motion, load_motion_file
+from bridge.motion import Motion, load_motion
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Up
 from bridge.motion.motion_checks import motion_warnings
@@ -129,7 +129,7 @@ def test_a_map_of_what_there_is_not_is_refused(
 
 @cache
 def reference(name: str) -> Motion:
-    return load_motion_file(CASES / name)
+    return load_motion(CASES / name)
 
 
 @pytest.mark.skipif(not CASES.is_dir(), reason="no $DSNET_TEST_CASES")
@@ -141,7 +141,7 @@ def test_no_case_of_others_is_silently_another_motion(pattern: str) -> None:
         bounce = path.name.startswith("38_")
         other = "38_bounce_120fps.npz" if bounce else f"00_reference.{kind}"
         try:
-            motion = load_motion_file(path, 60.0 if path.name.startswith(("54", "65")) else None)
+            motion = load_motion(path, 60.0 if path.name.startswith(("54", "65")) else None)
         except DsnetError:
             continue
         trunk = Rotation.from_rotvec(motion.pose[:, 0]).apply([0.0, 1.0, 0.0])
