@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.motion.motion import unpack_theta
 from bridge.motion.resampling import load_motion
+from bridge.motion.theta import unpack_theta
 from bridge.paper import N_JOINTS
 
 FASTER_THAN_HZ = 8.0

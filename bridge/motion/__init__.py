@@ -1,6 +1,6 @@
 """Motions: the pose vector theta, files of motions, sequences, and who is trained on what."""
 
-from bridge.motion.motion import Motion, pack_theta, unpack_theta
+from bridge.motion.motion import Motion
 from bridge.motion.resampling import load_motion
 from bridge.motion.sequences import (
     MotionSequence,
@@ -9,6 +9,7 @@ from bridge.motion.sequences import (
     subjects_of,
     to_manifest,
 )
+from bridge.motion.theta import pack_theta, unpack_theta
 
 __all__ = [
     "Motion",

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.motion.motion import unpack_theta
+from bridge.motion.theta import unpack_theta
 from bridge.paper import N_JOINTS
 
 CUT_M = 0.5
@@ -53,13 +53,18 @@ def is_cut(before: NDArray, after: NDArray) -> NDArray[np.bool_]:
     return (far_m >= CUT_M) | (turn_rad >= CUT_RAD)
 
 
-def pieces_between_cuts(theta: NDArray) -> list[slice]:
-    """The frames of a motion (T, 69) as pieces without a cut: slices that follow one another."""
-    theta, begins = np.asarray(theta, np.float64), [0]
+def find_cuts(theta: NDArray) -> tuple[int, ...]:
+    """The first frame after each cut of a motion (T, 69)."""
+    theta, begins = np.asarray(theta, np.float64), []
     for first in range(0, len(theta) - 1, _FRAMES_AT_ONCE):
         part = theta[first : first + _FRAMES_AT_ONCE + 1]
         begins.extend((np.flatnonzero(is_cut(part[:-1], part[1:])) + first + 1).tolist())
-    return [slice(*ends) for ends in pairwise([*begins, len(theta)])]
+    return tuple(begins)
+
+
+def pieces_between_cuts(theta: NDArray) -> list[slice]:
+    """The frames of a motion (T, 69) as pieces without a cut: slices that follow one another."""
+    return [slice(*ends) for ends in pairwise([0, *find_cuts(theta), len(theta)])]
 
 
 def predict_between_cuts(predict: Callable[[NDArray], NDArray], theta: NDArray) -> NDArray:

@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.motion.cuts import turns_rad
-from bridge.motion.motion import Motion, unpack_theta
+from bridge.motion.motion import Motion
+from bridge.motion.theta import unpack_theta
 from bridge.paper import N_JOINTS
 
 MOST_TREMOR_MM = 0.45
@@ -54,7 +55,7 @@ _MOST_TURNS_DEG_S = np.array(
 
 def motion_warnings(
     motion: Motion,
-    pieces: Sequence[slice],
+    pieces: Sequence[slice] | None = None,
     rate_option: str = "--motion-fps",
     smooth_option: str = "--smooth-hz auto",
 ) -> list[str]:
@@ -62,12 +63,12 @@ def motion_warnings(
 
     Parameters
     ----------
-    pieces : `bridge.motion.cuts.pieces_between_cuts` of it.
+    pieces : frames that are looked at; all, between cuts, if None.
     rate_option : the option by which the user says the right frame rate.
     smooth_option : the one that leaves noise out.
     """
     source, fps, found = motion.source, motion.fps, [*motion.notes]
-    trans_m = motion.trans_m
+    trans_m, pieces = motion.trans_m, pieces or motion.pieces
     if motion.rest_pose_frames:
         found.append(
             f"{source}: the motion begins after frame {motion.rest_pose_frames} of the file; "

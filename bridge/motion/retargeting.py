@@ -26,7 +26,7 @@ from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.motion.directions import angle_deg, middle, turn_deg, unit
-from bridge.motion.motion import AS_IT_SAYS, FARTHEST_M, HowRead, Motion, pack_theta
+from bridge.motion.motion import AS_IT_SAYS, FARTHEST_M, HowRead, Motion
 from bridge.motion.rest_poses import Rest, RestTurns, leg_length, standing_up
 from bridge.motion.skeletons import (
     OWN_NAMES,
@@ -35,6 +35,7 @@ from bridge.motion.skeletons import (
     joints_by_name,
     unusable,
 )
+from bridge.motion.theta import pack_theta
 from bridge.paper import N_BETAS, N_JOINTS
 
 Places = Mapping[str, NDArray[np.float64]]

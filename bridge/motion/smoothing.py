@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
-from bridge.motion.cuts import is_cut, pieces_between_cuts
-from bridge.motion.motion import Motion, SmoothHz, pack_theta, unpack_theta
+from bridge.motion.cuts import is_cut
+from bridge.motion.motion import Motion, SmoothHz
+from bridge.motion.theta import pack_theta, unpack_theta
 
 LEAST_HZ = 0.1
 """Slower, nothing of a motion is left, and a filter's numbers fall below what floats can hold."""
@@ -68,7 +69,7 @@ def smoothed(motion: Motion, smooth_hz: SmoothHz) -> Motion:
             "Pass auto, or 6 to 12.",
         )
     pose, trans_m = motion.all_joints, motion.trans_m.copy()
-    for piece in pieces_between_cuts(motion.theta):
+    for piece in motion.pieces:
         if smooth_hz == "auto":
             cutoff_hz = noise_cutoff_hz(pose[piece], trans_m[piece], motion.fps)
         else:

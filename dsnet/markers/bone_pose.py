@@ -18,7 +18,6 @@ from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
 from bridge.body.posing import joint_rotations, shaped_joints
 from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, pack_theta, unpack_theta
-from bridge.motion.cuts import pieces_between_cuts
 from dsnet.markers.marker_files import marker_file, read_markers
 from dsnet.markers.registration import register
 from dsnet.markers.segments import CUT_HZ, SEGMENTS, Cloud, Pose, faster, segment_frames
@@ -89,9 +88,9 @@ def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud) -> Motion:
     ----------
     cloud : markers, in the body's world.
     """
-    if len(pieces := pieces_between_cuts(motion.theta)) > 1:
+    if motion.cuts:
         raise DsnetError(
-            f"{motion.source}, which jumps at {pieces[1].start / motion.fps:.2f} s",
+            f"{motion.source}, which jumps at {motion.cuts[0] / motion.fps:.2f} s",
             "a motion without cuts, over which its markers are smoothed",
             "Divide the file there, or use the pose of the file.",
         )

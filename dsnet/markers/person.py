@@ -57,7 +57,7 @@ def fit_person(body: BodyModelData, motion: Motion, markers: Markers) -> FittedP
     found = np.zeros(shapes + 3)  # betas, and a shift
     cloud = register(body, _performed(body, motion, found[:-3]), markers, to_measure=False).cloud
     points = {label: points_m[some] for label, points_m in cloud.points_m.items()}
-    few, whole, off_mm = replace(motion, theta=motion.theta[some]), Smpl(body, dtype=np.float64), []
+    few, whole, off_mm = motion.frames(some), Smpl(body, dtype=np.float64), []
 
     def places_m(smpl: Smpl, betas_and_shift: NDArray) -> NDArray[np.float64]:
         """(T, N, 3)."""

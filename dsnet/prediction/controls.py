@@ -19,8 +19,7 @@ from bridge.body.model_data import GENDERS, SMPL_JOINT_NAMES
 from bridge.body.parts import GROUPS, PARTS, part_weights
 from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.errors import DsnetError, notify, unknown_name
-from bridge.motion import Motion, load_motion, pack_theta
-from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion import Motion, load_motion
 from bridge.motion.motion import HowRead
 from bridge.motion.skeletons import read_joint_map
 from bridge.options import Bounds, check_options, numbers_by_name
@@ -221,8 +220,8 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
 
 def _looped(placed: Motion, body: BodyModelData) -> tuple[Motion, Lap]:
     """A motion that stands where it shall as one that repeats."""
-    if len(pieces := pieces_between_cuts(placed.theta)) > 1:
-        jumps = f"--loop with {placed.source}, which jumps at frame {pieces[1].start}"
+    if placed.cuts:
+        jumps = f"--loop with {placed.source}, which jumps at frame {placed.cuts[0]}"
         raise DsnetError(jumps, "a motion without cuts", REMEDY)
     closed = close_lap(placed.theta, root_joint_m(body, placed.betas))
     if closed.dropped:
@@ -277,7 +276,7 @@ def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, own_betas: N
     if floor == "scale":
         motion = _strides_fitted(motion, body, own_betas)
     low_m = np.percentile(lowest_points_m(motion, body), SOLE_PERCENTILE)
-    return replace(motion, theta=pack_theta(motion.pose, motion.trans_m - [0.0, low_m, 0.0]))
+    return motion.moved(motion.trans_m - [0.0, low_m, 0.0])
 
 
 def leg_length_m(body: BodyModelData, betas: NDArray) -> float:
@@ -296,7 +295,7 @@ def _strides_fitted(motion: Motion, body: BodyModelData, own_betas: NDArray) -> 
     places_m = motion.trans_m + joint_m
     start_m = places_m[:1] * [1.0, 0.0, 1.0]
     places_m = start_m + leg_length_m(body, motion.betas) / own_m * (places_m - start_m)
-    return replace(motion, theta=pack_theta(motion.pose, places_m - joint_m))
+    return motion.moved(places_m - joint_m)
 
 
 def root_joint_m(body: BodyModelData, betas: NDArray) -> NDArray[np.float64]:

@@ -18,8 +18,7 @@ from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl, full_pose
 from bridge.errors import DsnetError, notify
-from bridge.motion import Motion, pack_theta, unpack_theta
-from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion import Motion, unpack_theta
 from bridge.motion.motion import FARTHEST_M
 from bridge.motion.motion_checks import motion_warnings
 from bridge.paper import N_JOINTS
@@ -85,7 +84,7 @@ class MovingBody:
     ) -> None:
         self.trained, self.motion = trained, motion
         self.controls = dict(controls or {})
-        self.pieces = pieces_between_cuts(motion.theta)
+        self.pieces = motion.pieces
         self._gain, self.loop = np.asarray(gain, np.float32), loop
         self._gain = self._gain[:, None] if self._gain.ndim else self._gain
 
@@ -177,12 +176,12 @@ class MovingBody:
 
     def oddities(self) -> list[str]:
         """What is odd about the motion, a line each."""
-        found = motion_warnings(self.motion, self.pieces)
+        found = motion_warnings(self.motion)
         found = [*found, *([] if "pose" in self.controls else flesh_in_pose(self.motion))]
         if "floor" in self.controls:
             return found
-        sampled = self.motion.theta[:: max(1, len(self) // _FLOOR_FRAMES)]
-        lowest_m = lowest_points_m(replace(self.motion, theta=sampled), self.body)
+        sampled = self.motion.frames(slice(None, None, max(1, len(self) // _FLOOR_FRAMES)))
+        lowest_m = lowest_points_m(sampled, self.body)
         if abs(low_m := np.percentile(lowest_m, SOLE_PERCENTILE)) > _TOLD_FLOOR_M:
             how = "floats above" if low_m > 0 else "sinks into"
             found.append(
@@ -210,7 +209,7 @@ def place_motion(
         motion = replace(motion, betas=betas)
     apart_m = pelvis_apart_m(motion, body)
     placed = motion.about_root_joint(persons_root_joint_m(motion, body) + apart_m)
-    return replace(placed, theta=pack_theta(placed.pose, placed.trans_m + apart_m))
+    return placed.moved(placed.trans_m + apart_m)
 
 
 def persons_root_joint_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:

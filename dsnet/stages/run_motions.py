@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from bridge.body import load_paper_body
 from bridge.errors import notify
 from bridge.motion import MotionSequence, sequences_of, subject_rows
-from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import PeopleOfFolders, find_motion_files, subject_and_motion
 from bridge.motion.resampling import load_motion
@@ -64,8 +63,8 @@ def gather(
         body = body or load_paper_body(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
         motion = load_motion(path, source_fps)
-        pieces, smoothing = pieces_between_cuts(motion.theta), "`dsnet predict --smooth-hz auto`"
-        for warning in motion_warnings(motion, pieces, "--amass-fps", smoothing):
+        smoothing = "`dsnet predict --smooth-hz auto`"
+        for warning in motion_warnings(motion, None, "--amass-fps", smoothing):
             notify(warning)
         # Those whom the run was aligned with keep the shape that was fitted.
         if subject not in fitted:

@@ -29,7 +29,6 @@ from bridge.body.model_data import SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
 from bridge.motion import Motion, load_motion, unpack_theta
-from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import AS_IT_SAYS, HowRead
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.skeletons import OWN_NAMES
@@ -350,7 +349,7 @@ class Kind:
         """The motion, and what is told of it."""
         with contextlib.redirect_stderr(io.StringIO()):
             motion = load_motion(self.write(folder), self.fps, how=self.how)
-        return motion, motion_warnings(motion, pieces_between_cuts(motion.theta))
+        return motion, motion_warnings(motion)
 
 
 _UNREAL = named("pelvis,spine_01,spine_02,spine_03,neck_01,head",

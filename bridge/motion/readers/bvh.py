@@ -37,7 +37,7 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
         skeleton = _skeleton(path, lines)
     motion = retargeted(skeleton, how)
     first = frames_of_rest_pose(motion.pose, motion.fps) if motion.fps > 0 else 0
-    return replace(motion, theta=motion.theta[first:], rest_pose_frames=first)
+    return replace(motion.frames(slice(first, None)), rest_pose_frames=first)
 
 
 @dataclass

@@ -25,7 +25,7 @@ from bridge.body.pickled_arrays import as_array
 from bridge.body.safe_pickle import load_restricted_item
 from bridge.errors import DsnetError
 from bridge.motion.directions import shortest_turn, unit
-from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion, pack_theta
+from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
 from bridge.motion.readers import pickles
 from bridge.motion.readers.smpl_arrays import motion_of
 from bridge.motion.retargeting import (
@@ -37,6 +37,7 @@ from bridge.motion.retargeting import (
     upright_turn,
 )
 from bridge.motion.skeletons import OWN_NAMES
+from bridge.motion.theta import pack_theta
 from bridge.paper import N_BETAS, N_JOINTS
 from bridge.runs.untrusted import NpyHeader, file_refused, open_regular, read_npy
 

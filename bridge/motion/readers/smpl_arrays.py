@@ -20,7 +20,6 @@ from bridge.motion.motion import (
     HowRead,
     Motion,
     UpAxis,
-    pack_theta,
 )
 from bridge.motion.readers.joint_rotations import BODY_WIDTHS, WIDTHS, finite, unusable
 from bridge.motion.readers.smpl_fields import (
@@ -45,6 +44,7 @@ from bridge.motion.retargeting import (
     world_rotations,
 )
 from bridge.motion.skeletons import OWN_NAMES
+from bridge.motion.theta import pack_theta
 from bridge.paper import N_BETAS
 from bridge.runs.untrusted import text_of
 

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
 from bridge.motion import load_motion, unpack_theta
-from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.motion import RATES_HZ, Motion, pack_theta
+from bridge.motion.motion import RATES_HZ, Motion
 from bridge.motion.motion_checks import motion_warnings, tremor_mm
 from bridge.motion.readers.amass import SAMPLES, sample_path
 from bridge.motion.smoothing import (
@@ -23,6 +22,7 @@ from bridge.motion.smoothing import (
     noise_cutoff_hz,
     smoothed,
 )
+from bridge.motion.theta import pack_theta
 from tests.forged.amass import save, smplh
 
 FPS = 120.0
@@ -152,7 +152,7 @@ def test_a_rate_that_the_motion_lacks_is_refused(cutoff_hz: float) -> None:
 
 def said_of(motion: Motion) -> list[str]:
     """Of how it moves; that its root turns right round is told too."""
-    said = motion_warnings(motion, pieces_between_cuts(motion.theta))
+    said = motion_warnings(motion)
     return [line for line in said if "--up" not in line]
 
 

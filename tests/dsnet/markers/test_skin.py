@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from bridge import DsnetError
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.motion import unpack_theta
-from bridge.motion.motion import pack_theta
+from bridge.motion.theta import pack_theta
 from dsnet.markers.bone_pose import bony_motion
 from dsnet.markers.marker_files import read_markers
 from dsnet.markers.registration import Registered, register

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
 from bridge.motion import load_motion
-from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import MOST_FRAMES
 from bridge.motion.readers import amass
 from bridge.motion.readers.amass import CYCLE, SAMPLES, motion_path, sample_path
@@ -226,7 +225,7 @@ def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
 def test_each_is_one_movement_of_four_seconds_or_one_lap(name):
     motion, frames = load_amass_motion(f"sample:{name}"), 61 if name == CYCLE else 240
     assert (motion.gender, motion.fps, len(motion.theta)) == ("female", 60.0, frames)
-    assert pieces_between_cuts(motion.theta) == [slice(0, frames)]
+    assert motion.pieces == [slice(0, frames)]
     assert np.ptp(motion.theta, axis=0).max() > 0.3
     assert sample_path(name).stat().st_size < 50_000
 

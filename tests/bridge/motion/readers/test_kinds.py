@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
 from bridge.motion import Motion, load_motion
-from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Up
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers.joints import motion_from_joints
@@ -147,5 +146,5 @@ def test_no_case_of_others_is_silently_another_motion(pattern: str) -> None:
         trunk = Rotation.from_rotvec(motion.pose[:, 0]).apply([0.0, 1.0, 0.0])
         assert np.median(trunk[:, 1]) > 0.9, path
         turn_deg, place_m = apart(motion, reference(other))
-        said = motion_warnings(motion, pieces_between_cuts(motion.theta))
+        said = motion_warnings(motion)
         assert (turn_deg < MOST_DEG and place_m < MOST_M) or said, (path, turn_deg, place_m)
