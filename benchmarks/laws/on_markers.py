@@ -18,7 +18,7 @@ from bridge.motion.resampling import load_motion
 from bridge.options import PositiveFloat
 from bridge.paper import FPS
 from dsnet.markers.bone_pose import bony_motion
-from dsnet.markers.marker_files import read_markers
+from dsnet.markers.marker_files import markers_of
 from dsnet.markers.registration import register
 from dsnet.markers.skin import compare_offsets
 from dsnet.stages.stage_evaluate import write_comparisons
@@ -45,7 +45,7 @@ def main(config: OnMarkersConfig) -> None:
     gender = motion.gender if motion.gender in ("female", "male") else "female"
     body = load_body_model(f"embedded:{gender}")
     motion = motion.about_root_joint(shaped_joints(body, motion.betas[None])[0, 0])
-    registered = register(body, motion, read_markers(config.motion, motion.source_fps))
+    registered = register(body, motion, markers_of(motion))
     bony = bony_motion(body, motion, registered.cloud)
     laws = {"own": TissueSimulator, **tissues()}
     if config.tissue not in laws:

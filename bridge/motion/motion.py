@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.motion.cuts import find_cuts
+from bridge.motion.markers import MarkerFile
 from bridge.motion.theta import pack_theta, unpack_theta
 from bridge.paper import N_JOINTS
 
@@ -102,6 +103,8 @@ class Motion:
     """Whether the file says that its betas are an embedded body's, as those of this project do."""
     notes: tuple[str, ...] = ()
     """What was odd about the file, a line each."""
+    markers: MarkerFile | None = None
+    """Those that the pose was fitted to, of the whole file, where there are any."""
     cuts: tuple[int, ...] = ()
     """The first frame after each cut (`bridge.motion.cuts`). They are found when a motion is made,
     or `replace` gives it another theta."""

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
-from bridge.motion import Motion, load_motion
+from bridge.motion import Motion
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
 from bridge.tissue.oscillators import node_loads
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.markers.bone_pose import bony_motion
-from dsnet.markers.marker_files import pose_file, read_markers
+from dsnet.markers.marker_files import load_recording, markers_of
 from dsnet.markers.registration import SPOTS, Registered, register
 from dsnet.markers.segments import SEGMENTS, Cloud, Frame, Pose, faster, segment_frames
 from dsnet.markers.skin import at_spots
@@ -83,8 +83,8 @@ def read_take(path: Path, body: BodyModelData) -> Take:
     `DsnetError` if it has no markers, none on the bone of the chest, or none on soft places, or
     says a rate at which nobody falls.
     """
-    motion = with_own_shape(load_motion(pose_file(path)), body, told=False)
-    markers = read_markers(path, motion.source_fps, motion.duration_s)
+    motion = with_own_shape(load_recording(path), body, told=False)
+    markers = markers_of(motion)
     motion = motion.about_root_joint(root_joint_m(body, motion.betas))
     registered = register(body, motion, markers)
     if not any(spot.flesh and label in registered.vertices for label, spot in SPOTS.items()):

@@ -18,7 +18,7 @@ from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
 from bridge.body.posing import joint_rotations, shaped_joints
 from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, pack_theta, unpack_theta
-from dsnet.markers.marker_files import marker_file, read_markers
+from dsnet.markers.marker_files import markers_of
 from dsnet.markers.registration import register
 from dsnet.markers.segments import CUT_HZ, SEGMENTS, Cloud, Pose, faster, segment_frames
 
@@ -30,7 +30,7 @@ _ON_THE_CHEST = ("neck", "left_collar", "right_collar")
 
 def flesh_in_pose(motion: Motion) -> list[str]:
     """A line to warn of a file's pose that was fitted to flesh; none if it was not."""
-    if marker_file(motion.source):
+    if motion.markers is not None:
         by, remedy = "markers on skin", "--pose bony of predict, export and view takes it out"
     elif motion.dmpls is not None and motion.dmpls.any():
         by, remedy = "skin with dmpls", "without its markers it stays there"
@@ -52,8 +52,7 @@ def bony_pose(body: BodyModelData, motion: Motion) -> Motion:
     ----------
     motion : as its file has it, y up.
     """
-    path = marker_file(motion.source)
-    if path is None:
+    if motion.markers is None:
         dmpls = motion.dmpls is not None and bool(motion.dmpls.any())
         raise DsnetError(
             f"--pose bony with {motion.source}, which has {'dmpls but ' * dmpls}no markers",
@@ -62,8 +61,7 @@ def bony_pose(body: BodyModelData, motion: Motion) -> Motion:
             "Pass AMASS's SMPL-H file, or leave --pose out.",
         )
     own = motion.about_root_joint(shaped_joints(body, motion.betas[None])[0, 0])
-    markers = read_markers(path, motion.source_fps, motion.duration_s)
-    cloud = register(body, own, markers).cloud
+    cloud = register(body, own, markers_of(motion)).cloud
     bony = bony_motion(body, own, cloud)
     chest = SMPL_JOINT_NAMES.index("spine3")
     was, now = (Pose.of(body, one).bones[:, chest, :3, 3] for one in (own, bony))

@@ -22,6 +22,7 @@ from bridge.body.embedded import EMBEDDED_GENDERS
 from bridge.errors import DsnetError, notify
 from bridge.motion import Motion
 from bridge.motion.readers import files_below, stated_gender
+from bridge.motion.readers.c3d import c3d_beside
 from bridge.runs import read_artifact
 from bridge.runs.files import (
     MANIFEST,
@@ -34,7 +35,6 @@ from bridge.runs.files import (
     write_text_atomically,
 )
 from bridge.runs.workers import WorkerPool, on_any_node, progress, worker_pool
-from dsnet.markers.marker_files import c3d_beside
 from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.load_model import (
     Source,

@@ -12,7 +12,7 @@ from bridge.body.model_data import GENDERS
 from bridge.body.posing import fitted_betas
 from bridge.errors import DsnetError, notify
 from bridge.motion import Motion
-from dsnet.markers.marker_files import marker_file, read_markers
+from dsnet.markers.marker_files import markers_of
 from dsnet.markers.person import fit_person
 
 _REMEDY = "--shape says another, --body takes the body model whose betas they are"
@@ -71,7 +71,7 @@ def _strange_space(motion: Motion, body: BodyModelData) -> str:
     """Whose betas a motion's are, empty if the body's: women and men have other shapes."""
     theirs, ours = _spaces(motion, body)
     if not motion.betas.any() and not motion.more_betas.any():
-        return "all zero" if theirs != _EMBEDDED and marker_file(motion.source) else ""
+        return "all zero" if theirs != _EMBEDDED and motion.markers else ""
     if theirs != ours and _EMBEDDED in (theirs, ours):
         return "another body model's"
     if theirs not in (None, ours):
@@ -84,11 +84,10 @@ def _strange_space(motion: Motion, body: BodyModelData) -> str:
 def _of_markers(motion: Motion, body: BodyModelData) -> tuple[NDArray[np.float64], str]:
     """Betas of the person whose markers a file has, or of the mean shape, and how they are."""
     mean = np.zeros(body.shapedirs.shape[-1])
-    path = marker_file(motion.source)
-    if path is None:
+    if motion.markers is None:
         return mean, "the mean shape is taken"
     try:
-        fitted = fit_person(body, motion, read_markers(path, motion.source_fps, motion.duration_s))
+        fitted = fit_person(body, motion, markers_of(motion))
     except DsnetError as error:
         return mean, f"the mean shape is taken, as its markers are no help ({error.received})"
     return fitted.betas, (

@@ -11,13 +11,12 @@ import numpy as np
 from tyro.conf import Fixed
 
 from bridge.errors import DsnetError, notify
-from bridge.motion import load_motion
 from bridge.motion.motion import HowRead
 from bridge.options import PositiveFloat
 from bridge.runs import Run
 from dsnet.evaluation.evaluation import evaluate_run
 from dsnet.markers.bone_pose import bony_motion
-from dsnet.markers.marker_files import pose_file, read_markers
+from dsnet.markers.marker_files import load_recording, markers_of
 from dsnet.markers.registration import register
 from dsnet.markers.segments import CUT_HZ
 from dsnet.markers.skin import BANDS_HZ, Comparison, Row, compare_offsets
@@ -76,12 +75,12 @@ def main(config: EvaluateConfig) -> None:
 def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     """Compare what a predictor makes of a motion with the markers of that motion."""
     run = None if config.run is None else Run(config.run)
-    motion = load_motion(pose_file(markers), config.motion_fps, how=HowRead(up="z"))
+    motion = load_recording(markers, config.motion_fps, HowRead(up="z"))
     trained = load_model(run, None, motion.gender)
     motion = with_own_shape(motion, trained.body)  # where it is, the markers say
     motion = motion.about_root_joint(persons_root_joint_m(motion, trained.body))
     moving = MovingBody(trained, motion)
-    found = read_markers(markers, motion.source_fps, motion.duration_s)
+    found = markers_of(motion)
     if found.note:
         notify(f"{markers}: {found.note}")
     registered = register(moving.body, motion, found)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,10 @@ from bridge.body.containers import load_torch
 from bridge.body.pickled_arrays import as_array
 from bridge.body.safe_pickle import MOST_OPCODES, load_restricted, load_restricted_item
 from bridge.errors import DsnetError
+from bridge.motion.markers import MarkerFile
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
 from bridge.motion.readers.joint_rotations import unusable
+from bridge.motion.readers.markers import from_mosh, within
 from bridge.motion.readers.smpl_arrays import motion_of
 from bridge.motion.readers.smpl_fields import (
     BODY_KEYS,
@@ -55,7 +58,7 @@ def gender_of(path: Path) -> str | None:
     """The gender that a file states; which is a motion, only reading it tells. A damaged one is
     refused if it is MoSh++'s by its name."""
     try:
-        _, people = opened(path)
+        _, people = _opened(path)
     except DsnetError:
         if path.stem.endswith(OF_MOSH):
             raise
@@ -65,7 +68,7 @@ def gender_of(path: Path) -> str | None:
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file; of several people the one who is seen longest."""
-    found, people = opened(path)
+    found, people = _opened(path)
     if not people and isinstance(found, dict) and _CAMERA in found:
         remedy = f"Export the world's ({_WORLD}) too."
         raise unusable(path, "whose poses are in the space of a camera alone", remedy)
@@ -80,13 +83,15 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
         raise unusable(path, flaw, "Stack the frames of one person.")
     arrays = each[int(np.argmax(lengths))]
     motion = motion_of(path, arrays, how, _AISTPP_FPS if "smpl_scaling" in arrays else np.nan)
+    if path.stem.endswith(OF_MOSH):
+        motion = replace(motion, markers=MarkerFile(path, partial(from_mosh, people[0])))
     if len(each) == 1:
         return motion
     note = f"{path} holds {len(each)} people: the one of {max(lengths)} frames is read"
     return replace(motion, notes=(note, *motion.notes))
 
 
-def opened(path: Path) -> tuple[Any, list[Mapping[str, Any]]]:
+def _opened(path: Path) -> tuple[Any, list[Mapping[str, Any]]]:
     """What a file holds, and the people in it."""
     with file_refused(path, unusable, _REMEDY):
         with open_regular(path, _MOST_FILE_BYTES) as file:
@@ -101,13 +106,6 @@ def opened(path: Path) -> tuple[Any, list[Mapping[str, Any]]]:
                     is_moshs = path.stem.endswith(OF_MOSH)
                     found = load_restricted(file, _MOST_OPCODES if is_moshs else MOST_OPCODES)
         return found, [*_people(found)]
-
-
-def within(value: Any, *names: str) -> Any:
-    """What lies under names in dictionaries in one another; None where there is nothing."""
-    for name in names:
-        value = value.get(name) if isinstance(value, dict) else None
-    return value
 
 
 def _people(found: Any) -> Iterator[Mapping[str, Any]]:

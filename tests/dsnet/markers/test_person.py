@@ -15,7 +15,7 @@ from bridge.body.surface_operators import vertex_normals
 from bridge.motion import Motion, load_motion, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.motion.readers.amass import motion_path
-from dsnet.markers.marker_files import Markers, read_markers
+from dsnet.markers.marker_files import Markers, markers_of
 from dsnet.markers.person import fit_person
 from dsnet.markers.registration import register
 from dsnet.prediction.shape_space import with_own_shape
@@ -97,7 +97,7 @@ def off_mm(motion: Motion, markers: Markers, betas: np.ndarray) -> float:
 def test_real_markers_lie_nearer_to_the_fitted_skin(capsys: pytest.CaptureFixture[str]) -> None:
     """Medians in docs/animation.md: 31 mm with the file's betas, 36 with the mean shape, 27."""
     motion = load_motion(SAMPLE, 60.0)
-    markers = read_markers(SAMPLE, motion.source_fps, motion.duration_s)
+    markers = markers_of(motion)
     fitted = with_own_shape(motion, BODY)
     assert "the shape is fitted to its markers" in capsys.readouterr().err
     by_file, mean, now = (

@@ -1,34 +1,26 @@
-"""Markers as a file has them, and the refusal of one.
+"""C3D: labelled points with their units and rate, but without an axis that is up.
 
-An AMASS `.npz` of the SMPL-H release calls them `marker_data` and `marker_labels`, one that MoSh++
-exports `markers` and `labels`; `*_stageii.pkl` is MoSh++'s own. C3D has labelled points alone, with
-its units and rate, but not which axis is up. It is read here, in NumPy, because the sizes that it
-declares are to be checked before anything is allocated: of `ezc3d`, which is fine for files of
-one's own, one damaged file in fourteen took the process down.
+It is read here, in NumPy, because the sizes that it declares are to be checked before anything is
+allocated: of `ezc3d`, which is fine for files of one's own, one damaged file in fourteen took the
+process down.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body.pickled_arrays import as_array
-from bridge.body.safe_pickle import load_restricted_item
-from bridge.errors import DsnetError
+from bridge.motion.markers import StoredMarkers, refused
 from bridge.motion.motion import MOST_FRAMES, RATES_HZ
-from bridge.motion.readers.pickles import opened, within
-from bridge.runs.untrusted import UntrustedNpz, open_npz, open_regular
+from bridge.runs.untrusted import open_regular
 
-_MOST_MARKERS = 500
-_KEYS = (("marker_data", "marker_labels"), ("markers", "labels"))
-_VERTICES = "markers_latent_vids"
-_SMPLX_POSE = (165,)
+POSE_ENDINGS = (".npz", "_poses.npz", "_stageii.npz", "_stageii.pkl")
+"""Of a pose's file that lies beside the C3D that it was fitted to."""
 _BLOCK = 512
 _MOST_BYTES, _MOST_PARAMETER_BYTES = 1 << 30, 256 * _BLOCK
 _PER_M = {"mm": 1e3, "cm": 1e2, "m": 1.0}
@@ -39,94 +31,19 @@ _NO_PLACES = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Lists of points whose numbers are no places."""
 
 
-@dataclass(frozen=True, eq=False)
-class Stored:
-    """Markers as their file has them."""
-
-    points: NDArray
-    """(T, N, 3) numbers, zero or NaN where a marker was not seen."""
-    labels: list[str]
-    fps: float | None = None
-    """None: a row for each frame of the pose."""
-    per_m: float | None = None
-    """Units in a metre; None where the file does not say."""
-    upright: bool = True
-    """Whether they are z up, as the pose that was fitted to them; else nobody knows."""
-    vertices: Mapping[str, int] = field(default_factory=dict)
-    """Of SMPL, by label, where the file says them."""
+def is_c3d(path: Path) -> bool:
+    """By its name."""
+    return path.suffix.lower() == ".c3d"
 
 
-def refused(
-    path: Path, received: str, expected: str, remedy: str = "Pass a file with skin markers"
-) -> DsnetError:
-    """The refusal of a file."""
-    return DsnetError(f"{path}, {received}", expected, f"{remedy}.")
+def c3d_beside(path: Path) -> Path | None:
+    """The recording that lies beside a file of poses under its name, if one does."""
+    stems = (path.name.removesuffix(end) for end in POSE_ENDINGS if path.name.endswith(end))
+    beside = (path.with_name(f"{stem}.c3d") for stem in stems)
+    return next((one for one in beside if one.is_file()), None)
 
 
-def npz_has_markers(path: Path) -> bool:
-    """By the names of its arrays."""
-    with open_npz(path) as archive:
-        return _keys(archive) is not None
-
-
-def read_npz(path: Path) -> Stored:
-    """Both arrays, and the vertex of each marker where the file has it."""
-    with open_npz(path) as archive:
-        if (keys := _keys(archive)) is None:
-            raise refused(
-                path,
-                "a file without 'marker_data' and 'marker_labels'",
-                "markers (T, N, 3) and their names (N,), or a .c3d of the same name beside it",
-                "AMASS's SMPL-H release has them; the SMPL-X release does not",
-            )
-        archive.check(keys[0], MOST_FRAMES * _MOST_MARKERS * 3 * 8)
-        archive.check(keys[1], 1 << 20)
-        points, labels = (archive.array(key) for key in keys)
-        vertices = None
-        if _VERTICES in archive and archive[_VERTICES].dtype.hasobject and _is_smpl(archive):
-            with archive.member(_VERTICES) as stream:
-                vertices = load_restricted_item(stream)
-    if labels.dtype.kind not in "US":
-        raise refused(path, f"names of type {labels.dtype}", "text")
-    return _stored(path, points, labels.ravel().tolist(), vertices)
-
-
-def _keys(archive: UntrustedNpz) -> tuple[str, str] | None:
-    return next((keys for keys in _KEYS if all(key in archive for key in keys)), None)
-
-
-def _is_smpl(archive: UntrustedNpz) -> bool:
-    """Whether its pose is of a body with SMPL's vertices; SMPL-X has others."""
-    return "poses" in archive and archive["poses"].shape[-1:] != _SMPLX_POSE
-
-
-def read_mosh(path: Path) -> Stored:
-    """The markers of `stageii_debug_details`, and the vertices that MoSh++ found for them."""
-    _, people = opened(path)
-    fields = people[0] if people else {}
-    details = fields.get("stageii_debug_details")
-    points, labels = (within(details, key) for key in ("markers_orig", "labels_orig"))
-    if points is None or labels is None:
-        raise refused(
-            path,
-            "a result of MoSh++ without 'markers_orig' and 'labels_orig'",
-            "the markers that it was fitted to, in stageii_debug_details",
-            "Run MoSh++ again, or put the .c3d beside its .npz",
-        )
-    names = labels if isinstance(labels, list) else as_array(labels).ravel().tolist()
-    vertices = fields.get(_VERTICES, within(fields.get("marker_meta"), "marker_vids"))
-    is_smpl = as_array(fields["fullpose"]).shape[-1:] != _SMPLX_POSE
-    return _stored(path, as_array(points), names, vertices if is_smpl else None)
-
-
-def _stored(path: Path, points: NDArray, labels: list, vertices: object) -> Stored:
-    names = [one.decode(errors="replace") if isinstance(one, bytes) else one for one in labels]
-    if not all(isinstance(name, str) for name in names):
-        raise refused(path, "names of markers that are no text", "text")
-    return Stored(points, names, vertices=vertices if isinstance(vertices, dict) else {})
-
-
-def read_c3d(path: Path) -> Stored:
+def read_c3d(path: Path) -> StoredMarkers:
     """Labelled points; those that are angles or forces are left out."""
     with open_regular(path, _MOST_BYTES) as file:
         raw = file.read()
@@ -148,7 +65,7 @@ def read_c3d(path: Path) -> Stored:
     if not kept:
         raise refused(path, "a C3D of points without names", "names such as C7, CLAV, LBUST")
     per_m = _PER_M.get(next(iter(file.texts("UNITS")), "").lower())
-    return Stored(points[:, kept], [labels[n] for n in kept], file.fps, per_m, upright=False)
+    return StoredMarkers(points[:, kept], [labels[n] for n in kept], file.fps, per_m, upright=False)
 
 
 class _C3d:
