@@ -17,7 +17,7 @@ from bridge.errors import DsnetError
 from bridge.motion.resampling import load_motion
 from bridge.options import PositiveFloat
 from bridge.paper import FPS
-from dsnet.markers.bone_pose import bony_motion
+from dsnet.markers.bone_pose import bone_motion
 from dsnet.markers.marker_files import markers_of
 from dsnet.markers.registration import register
 from dsnet.markers.skin import compare_offsets
@@ -46,7 +46,7 @@ def main(config: OnMarkersConfig) -> None:
     body = load_body_model(f"embedded:{gender}")
     motion = motion.about_root_joint(shaped_joints(body, motion.betas[None])[0, 0])
     registered = register(body, motion, markers_of(motion))
-    bony = bony_motion(body, motion, registered.cloud)
+    bony = bone_motion(body, motion, registered.cloud)
     laws = {"own": TissueSimulator, **tissues()}
     if config.tissue not in laws:
         raise DsnetError(f"--tissue {config.tissue}", ", ".join(laws), "Name one of them.")

@@ -25,7 +25,7 @@ from bridge.motion import Motion, load_motion, pack_theta, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.motion.readers.amass import motion_path
 from bridge.runs.files import write_text_atomically
-from dsnet.markers.bone_pose import bony_pose
+from dsnet.markers.bone_pose import bone_pose_of
 from dsnet.markers.segments import faster
 from dsnet.prediction.load_model import TrainedModel, load_model
 from dsnet.prediction.moving_body import MovingBody, place_motion
@@ -130,7 +130,7 @@ def _bony(body: BodyModelData, fitted: Motion, seen: NDArray) -> Motion:
         root_m = shaped_joints(body, read.betas[None])[0, 0]
         shift_m = read.about_root_joint(root_m).trans_m[0] - read.trans_m[0]
         theta = pack_theta(fitted.pose, fitted.trans_m - shift_m)
-        return bony_pose(body, replace(read, theta=theta)).about_root_joint(root_m)
+        return bone_pose_of(body, replace(read, theta=theta)).about_root_joint(root_m)
 
 
 def _scores(

@@ -46,7 +46,7 @@ class HowRead:
     up: Up = "auto"
     """Its vertical axis."""
     joint_map: Mapping[str, str] = field(default_factory=dict)
-    """The file's joints by SMPL's names, where names do not tell."""
+    """The file's joints by SMPL's names, where names do not say."""
 
 
 AS_IT_SAYS = HowRead()
@@ -80,7 +80,7 @@ class Motion:
     """Frames per second of the file; nan of one that does not say, before it is prepared."""
     source: Path
     kind: str | None = None
-    """`smpl`, `smplh` or `smplx`: of whose body pose and betas are, where the file tells."""
+    """`smpl`, `smplh` or `smplx`: of whose body pose and betas are, where the file says."""
     more_betas: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     """(K,) the file's coefficients after the tenth, of which only bodies with more shapes make
     use."""
@@ -102,7 +102,7 @@ class Motion:
     embedded_betas: bool = False
     """Whether the file says that its betas are an embedded body's, as those of this project do."""
     notes: tuple[str, ...] = ()
-    """What was odd about the file, a line each."""
+    """Notes about the file, a line each."""
     markers: MarkerFile | None = None
     """Those that the pose was fitted to, of the whole file, where there are any."""
     cuts: tuple[int, ...] = ()

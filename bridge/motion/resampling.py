@@ -1,8 +1,8 @@
 """Motions in time: from a file's frames to the paper's 60 fps, y up (Section 3.2), and between two.
 
 Rotations are interpolated on the sphere (SLERP, the short way) joint by joint, all else linearly.
-At a lower rate than is asked for, straight lines would be corners at which the tissue is hit sixty
-times a second: cubic splines go through those frames, of quaternions for rotations. Nothing is
+Of a file at a lower rate than the result, straight lines would be corners at which the tissue is
+hit: cubic splines go through those frames, of quaternions for rotations. Nothing is
 extrapolated beyond the last frame, and nothing is interpolated across a cut (`bridge.motion.cuts`).
 Axis-angle vectors are kept continuous in time, as those of an alignment that starts each frame from
 the one before.
@@ -114,9 +114,9 @@ def _without_repeats(motion: Motion) -> Motion:
         return motion
     pose, line = motion.all_joints.copy(), _lines(motion)
     for piece in pieces:
-        again, known = (piece.start + np.flatnonzero(repeated[piece] == one) for one in (1, 0))
+        again, others = (piece.start + np.flatnonzero(repeated[piece] == one) for one in (1, 0))
         if len(again):
-            drawn = _curved(pose[known], line[known], at_s[known], at_s[again])
+            drawn = _curved(pose[others], line[others], at_s[others], at_s[again])
             pose[again], line[again] = drawn
     note = (
         f"{motion.source} repeats {repeated.sum()} of its {count} frames while the body moves, "
@@ -147,7 +147,7 @@ def _resampled(motion: Motion, fps: float) -> Motion:
     each = zip(motion.pieces, pairwise([*first_samples.tolist(), len(times_s)]), strict=True)
     sampled = [(piece, one, last) for piece, (one, last) in each if one < last]
     cuts = tuple(two[1] for one, two in pairwise(sampled) if one[0].stop == two[0].start)
-    found = []
+    parts = []
     for piece, one, last in sampled:
         pose, values = whole[piece], line[piece]
         if piece.stop < count:
@@ -157,8 +157,8 @@ def _resampled(motion: Motion, fps: float) -> Motion:
         source_s = np.arange(len(pose)) / motion.fps
         at_s = np.clip(times_s[one:last] - piece.start / motion.fps, 0, source_s[-1])
         is_slow = motion.fps < fps - _FRAME_TOLERANCE and len(pose) >= _FEWEST_OF_SPLINE
-        found.append((_curved if is_slow else _straight)(pose, values, source_s, at_s))
-    pose, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        parts.append((_curved if is_slow else _straight)(pose, values, source_s, at_s))
+    pose, moved = (np.concatenate(each) for each in zip(*parts, strict=True))
     dmpls = None if motion.dmpls is None else moved[:, 3:]
     return motion.posed(pose, moved[:, :3], dmpls=dmpls, fps=float(fps), cuts=cuts)
 
@@ -200,8 +200,8 @@ def between(before: NDArray, after: NDArray, share: NDArray) -> NDArray[np.float
     both = np.stack([pose, turned]).reshape(2, -1, 3).astype(np.float64)
     turned = continuous_rotations(both)[1]
     moved_m = trans_m + share[:, None] * (next_trans_m - trans_m)
-    found = pack_theta(turned.reshape(pose.shape), moved_m)
-    return np.where(share[:, None] == 1, after, found)
+    theta = pack_theta(turned.reshape(pose.shape), moved_m)
+    return np.where(share[:, None] == 1, after, theta)
 
 
 def going_on(before: NDArray, last: NDArray) -> NDArray[np.floating]:

@@ -42,7 +42,7 @@ def flesh_in_pose(motion: Motion) -> list[str]:
     ]
 
 
-def bony_pose(body: BodyModelData, motion: Motion) -> Motion:
+def bone_pose_of(body: BodyModelData, motion: Motion) -> Motion:
     """A file's motion whose chest follows the file's markers on bone; says on stderr what that
     took out.
 
@@ -57,26 +57,25 @@ def bony_pose(body: BodyModelData, motion: Motion) -> Motion:
         raise DsnetError(
             f"--pose bony with {motion.source}, which has {'dmpls but ' * dmpls}no markers",
             "markers in it (marker_data), or a .c3d of the same name beside it"
-            + ": what dmpls moved bones by cannot be told without DMPL's body" * dmpls,
+            + ": what dmpls moved bones by is unknown without DMPL's body" * dmpls,
             "Pass AMASS's SMPL-H file, or leave --pose out.",
         )
-    own = motion.about_root_joint(shaped_joints(body, motion.betas[None])[0, 0])
-    cloud = register(body, own, markers_of(motion)).cloud
-    bony = bony_motion(body, own, cloud)
+    placed = motion.about_root_joint(shaped_joints(body, motion.betas[None])[0, 0])
+    cloud = register(body, placed, markers_of(motion)).cloud
+    on_bone = bone_motion(body, placed, cloud)
     chest = SMPL_JOINT_NAMES.index("spine3")
-    was, now = (Pose.of(body, one).bones[:, chest, :3, 3] for one in (own, bony))
+    was, now = (Pose.of(body, one).bones[:, chest, :3, 3] for one in (placed, on_bone))
     bob_mm = 1e3 * np.ptp(faster(now - was, motion.fps)[:, 1])
     notify(
         f"--pose bony: the chest of {motion.source} follows its markers on bone, which takes "
         f"{bob_mm:.0f} mm of up and down above {CUT_HZ} Hz (peak to peak) out of its pose"
     )
     # Back to the file's root, of a body whose root joint rests at 0.
-    return replace(
-        motion, theta=pack_theta(bony.pose, bony.trans_m - (own.trans_m - motion.trans_m)[:1])
-    )
+    root_m = (placed.trans_m - motion.trans_m)[:1]
+    return replace(motion, theta=pack_theta(on_bone.pose, on_bone.trans_m - root_m))
 
 
-def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud) -> Motion:
+def bone_motion(body: BodyModelData, motion: Motion, cloud: Cloud) -> Motion:
     """The motion whose chest is where markers on its bone are.
 
     `DsnetError` if fewer than three markers on the bone of the chest were seen, or if the

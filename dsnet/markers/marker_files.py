@@ -90,7 +90,7 @@ def load_recording(
 
 
 def markers_of(motion: Motion) -> Markers:
-    """The markers of a motion, checked; at its rate, where they last as long, whatever their own
+    """The markers of a motion, checked; at its rate, where they last as long, whatever their
     file says.
 
     `DsnetError` if it has none, their file is damaged, or they have no names or are not of one
@@ -136,14 +136,14 @@ def pose_file(path: Path) -> Path:
     if not is_c3d(path):
         return motion_path(path)
     there = [path.with_name(path.stem + ending) for ending in POSE_ENDINGS]
-    found = next((pose for pose in there if pose.is_file()), None)
-    if found is None:
+    pose = next((pose for pose in there if pose.is_file()), None)
+    if pose is None:
         raise DsnetError(
             f"{path}, markers without a pose",
             f"{there[0].name} (or {', '.join(pose.name for pose in there[1:])}) beside it",
             "Put the AMASS or MoSh++ file of the same take there, under that name.",
         )
-    return found
+    return pose
 
 
 def marker_file(path: Path) -> Path | None:
@@ -171,9 +171,9 @@ def _names(path: Path, labels: list[str]) -> tuple[dict[str, str], tuple[str, ..
         )
     plain = [label.rpartition(":")[2].strip().upper().replace("_", "") for label in labels]
     names = tuple(_SAME_PLACE.get(name, name) for name in plain)
-    known = {label for segment in SEGMENTS.values() for label in segment.labels}
+    usual = {label for segment in SEGMENTS.values() for label in segment.labels}
     named = zip(labels, names, strict=True)
-    people = Counter(label.rpartition(":")[0] for label, name in named if name in known)
+    people = Counter(label.rpartition(":")[0] for label, name in named if name in usual)
     crowd = [name or "somebody else" for name, count in people.items() if count >= 4]
     if len(crowd) > 1:
         raise refused(path, f"markers of {' and '.join(crowd[:3])}", "those of one person")
@@ -200,8 +200,8 @@ def _in_metres(path: Path, data: NDArray, per_m: float | None) -> tuple[NDArray[
     units = {"metres": 1.0, "millimetres": 1e3, "centimetres": 1e2}
     for unit, each in units.items() if per_m is None else [("", per_m)]:
         if _PERSON_M[0] <= extent / each <= _PERSON_M[1]:
-            told = each == 1 or per_m is not None
-            return data / each, "" if told else f"its markers are in {unit}: converted"
+            stated = each == 1 or per_m is not None
+            return data / each, "" if stated else f"its markers are in {unit}: converted"
     raise refused(path, f"markers {extent:.3g} apart", "those of a person, in metres")
 
 

@@ -17,7 +17,7 @@ from bridge.motion.readers import PeopleOfFolders, find_motion_files, subject_an
 from bridge.motion.resampling import load_motion
 from bridge.runs import Artifact, Run
 from bridge.runs.run import body_model_path
-from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shape_space import with_betas_on
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def gather(
         if subject not in fitted:
             subject = people.of_shape(subject, motion.betas)
         if subject not in shapes:
-            stated[subject], shapes[subject] = motion.betas, with_own_shape(motion, body).betas
+            stated[subject], shapes[subject] = motion.betas, with_betas_on(motion, body).betas
         shape = shapes[subject]
         motion = motion.about_root_joint(
             (body.J_regressor @ (body.v_template + body.shapedirs @ shape))[0]

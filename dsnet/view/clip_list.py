@@ -30,7 +30,7 @@ from dsnet.markers.bone_pose import flesh_in_pose
 from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.load_model import PIPELINES, TrainedModel, load_model
 from dsnet.prediction.moving_body import MovingBody, place_motion
-from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shape_space import with_betas_on
 
 AVERAGE = "average shape"
 TRUTH = "truth"
@@ -149,7 +149,7 @@ def _dsnets_of(run: Run) -> dict[str, str]:
 def _of_file(path: Path, body: BodyModelData, sequence: str = "") -> ViewedMotion:
     def read() -> Motion:
         motion = load_motion(path, how=HowRead(up="z"))
-        return place_motion(with_own_shape(motion, body), body)
+        return place_motion(with_betas_on(motion, body), body)
 
     return ViewedMotion(read, sequence)
 

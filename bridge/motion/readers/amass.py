@@ -77,11 +77,11 @@ def motion_path(name_or_path: Path | str) -> Path:
         return Path(name_or_path)
     sample = name.removeprefix(SAMPLE_PREFIX)
     if sample not in SAMPLES:
-        known = ", ".join(SAMPLE_PREFIX + sample for sample in SAMPLES)
+        samples = ", ".join(SAMPLE_PREFIX + sample for sample in SAMPLES)
         remedy = did_you_mean(
             sample, SAMPLES, "Name one of these, or an AMASS file.", SAMPLE_PREFIX
         )
-        raise DsnetError(f"motion {name}", known, remedy)
+        raise DsnetError(f"motion {name}", samples, remedy)
     return sample_path(sample)
 
 

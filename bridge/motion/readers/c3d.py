@@ -51,7 +51,7 @@ def read_c3d(path: Path) -> StoredMarkers:
         raise ValueError("no C3D")
     begins = (raw[0] - 1) * _BLOCK
     if begins < _BLOCK or len(raw) < begins + 4 or raw[begins + 3] not in _NUMBERS:
-        raise ValueError("a C3D of no known processor")
+        raise ValueError("a C3D of an unknown processor")
     file = _C3d(raw, begins, raw[begins + 3])
     labels = file.texts("LABELS")
     for number in range(2, 10):
@@ -87,8 +87,8 @@ class _C3d:
     def numbers(self, name: str, otherwise: float) -> NDArray:
         """A parameter's, or another number where it has none."""
         kind, _, raw = self._point.get(name, (0, (), b""))
-        found = self._floats(raw) if kind == 4 else np.frombuffer(raw, f"{self._order}u2")
-        return found if kind in (2, 4) and len(found) else np.array([otherwise])
+        numbers = self._floats(raw) if kind == 4 else np.frombuffer(raw, f"{self._order}u2")
+        return numbers if kind in (2, 4) and len(numbers) else np.array([otherwise])
 
     def texts(self, name: str) -> list[str]:
         """A parameter's, none where it has none."""
@@ -104,7 +104,7 @@ class _C3d:
         frame_bytes = width * (4 if real else 2)
         there = max(0, len(self._raw) - self._data) // frame_bytes
         stated = self._last - self._first + 1
-        # What is longer than 65,535 frames says so elsewhere, each writer in its own way.
+        # What is longer than 65,535 frames says so in other places, each writer in its own way.
         frames = there if self._last == 0xFFFF else stated
         if not 0 < frames <= min(there, MOST_FRAMES):
             raise ValueError(f"a C3D of {stated} frames with the data of {there}")
@@ -117,16 +117,16 @@ class _C3d:
 
     def _floats(self, raw: bytes) -> NDArray[np.float64]:
         raw, per_one = raw[: len(raw) // 4 * 4], 1
-        found = np.frombuffer(raw, f"{self._order}f4")
+        floats = np.frombuffer(raw, f"{self._order}f4")
         if self._dec:  # halves the other way round, and four times as large
-            found = np.ascontiguousarray(found.view("<u2").reshape(-1, 2)[:, ::-1]).view("<f4")
+            floats = np.ascontiguousarray(floats.view("<u2").reshape(-1, 2)[:, ::-1]).view("<f4")
             per_one = 4
         with np.errstate(invalid="ignore"):  # of some numbers that are none
-            return found.ravel().astype(np.float64) / per_one
+            return floats.ravel().astype(np.float64) / per_one
 
     def _parameters(self, begins: int) -> Iterator[tuple[str, tuple[int, tuple[int, ...], bytes]]]:
         """Name, type, sizes and bytes of those of the group POINT."""
-        found: list[tuple[int, str, tuple[int, tuple[int, ...], bytes]]] = []
+        values: list[tuple[int, str, tuple[int, tuple[int, ...], bytes]]] = []
         groups: dict[int, str] = {}
         at, raw = begins + 4, self._raw[: begins + _MOST_PARAMETER_BYTES]
         while at + 4 <= len(raw) and (length := abs(struct.unpack_from("b", raw, at)[0])):
@@ -141,8 +141,8 @@ class _C3d:
                 sizes = tuple(raw[at + 4 : at + 4 + rank])
                 start = at + 4 + rank
                 data = raw[start : start + abs(kind) * math.prod(sizes)]
-                found.append((group, name, (kind, sizes, data)))
+                values.append((group, name, (kind, sizes, data)))
             if further <= 0:
                 break
             at += further
-        yield from ((name, value) for group, name, value in found if groups.get(group) == "POINT")
+        yield from ((name, value) for group, name, value in values if groups.get(group) == "POINT")

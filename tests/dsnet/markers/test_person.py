@@ -18,7 +18,7 @@ from bridge.motion.readers.amass import motion_path
 from dsnet.markers.marker_files import Markers, markers_of
 from dsnet.markers.person import fit_person
 from dsnet.markers.registration import register
-from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shape_space import with_betas_on
 from dsnet.prediction.shapes import MeasuredBody
 from tests.forged.amass import load_amass_motion
 
@@ -81,10 +81,10 @@ def test_zero_betas_beside_markers_give_way_to_them(
     np.savez(tmp_path / "bare.npz", **arrays)
     labels = np.array([f"M{row}X" for row in rows])
     np.savez(tmp_path / "a.npz", **arrays, marker_data=z_up, marker_labels=labels)
-    fitted = with_own_shape(load_motion(tmp_path / "a.npz"), BODY).betas
+    fitted = with_betas_on(load_motion(tmp_path / "a.npz"), BODY).betas
     assert "are all zero: the shape is fitted to its markers" in capsys.readouterr().err
     assert np.abs(fitted - hers)[:2].max() < 1
-    assert not with_own_shape(load_motion(tmp_path / "bare.npz"), BODY).betas.any()
+    assert not with_betas_on(load_motion(tmp_path / "bare.npz"), BODY).betas.any()
     assert not capsys.readouterr().err
 
 
@@ -98,7 +98,7 @@ def test_real_markers_lie_nearer_to_the_fitted_skin(capsys: pytest.CaptureFixtur
     """Medians in docs/animation.md: 31 mm with the file's betas, 36 with the mean shape, 27."""
     motion = load_motion(SAMPLE, 60.0)
     markers = markers_of(motion)
-    fitted = with_own_shape(motion, BODY)
+    fitted = with_betas_on(motion, BODY)
     assert "the shape is fitted to its markers" in capsys.readouterr().err
     by_file, mean, now = (
         off_mm(motion, markers, betas) for betas in (motion.betas, np.zeros(10), fitted.betas)

@@ -15,7 +15,7 @@ from bridge import DsnetError
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.motion import unpack_theta
 from bridge.motion.theta import pack_theta
-from dsnet.markers.bone_pose import bony_motion
+from dsnet.markers.bone_pose import bone_motion
 from dsnet.markers.registration import Registered, register
 from dsnet.markers.segments import Pose
 from dsnet.markers.skin import Comparison, compare_offsets
@@ -242,7 +242,7 @@ def test_markers_on_bone_take_the_bounce_out_of_a_pose(known: Known, tmp_path: P
     theta[:, -2] += 0.03 * np.sin(2 * np.pi * 3 * seconds)  # up
     bobbing = replace(known.motion, theta=theta)
     registered = register(known.body, bobbing, markers_in(path))
-    bony = bony_motion(known.body, bobbing, registered.cloud)
+    bony = bone_motion(known.body, bobbing, registered.cloud)
     chest = [known.motion, bobbing, bony]
     true, swallowed, mended = (
         Pose.of(known.body, motion).bones[:, SMPL_JOINT_NAMES.index("spine3")] @ [0, 1.3, 0, 1]

@@ -44,7 +44,7 @@ def names(motions: list[Path], folder: Path) -> list[str]:
 def test_motions_are_found_and_the_rest_is_counted(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = find_motion_files(folder, "female", known=["50004_hips", "50004_punching"])
+    found = find_motion_files(folder, "female", existing=["50004_hips", "50004_punching"])
     assert names(found, folder) == [
         "MPI_mosh/50004/kicking_poses.npz",
         "MoSh/50020/basketball_stageii.npz",
