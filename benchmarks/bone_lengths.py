@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.posing import shaped_joints, shaped_vertices
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.paper import N_BETAS, N_JOINTS
 from dsnet.prediction.load_model import load_model
 from dsnet.prediction.models import Model, codes_of_several
@@ -55,7 +55,7 @@ def fitted(body: BodyModelData, lengths: NDArray, off_m: float, ratios: bool) ->
 
 def flesh_mm(model: Model, people: NDArray) -> NDArray[np.float64]:
     """(B,) root mean square of the nodes' offsets, of people (B, 10) who all move alike."""
-    theta = load_motion_file(Path("sample:jumping_jacks")).theta[:FRAMES]
+    theta = load_motion(Path("sample:jumping_jacks")).theta[:FRAMES]
     found = [codes for _, codes in codes_of_several(model, [theta] * len(people), people)]
     return 1e3 * np.sqrt(np.mean(np.square(found), axis=(0, 2, 3)) * 3)
 

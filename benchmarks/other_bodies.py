@@ -21,7 +21,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.runs.writer import machine
 from dsnet.prediction.load_model import TrainedModel, load_model
 from dsnet.prediction.moving_body import MovingBody
@@ -136,7 +136,7 @@ def main(out: Path) -> None:
         "27,554 vertices": cut_in_four(home),
     }
     moving, found = {}, {}
-    motion = load_motion_file(Path("sample:jumping_jacks")).frames(slice(FRAMES))
+    motion = load_motion(Path("sample:jumping_jacks")).frames(slice(FRAMES))
     for name, body in bodies.items():
         trained, found[name] = prepared(body)
         moving[name] = MovingBody(trained, motion)

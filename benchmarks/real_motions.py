@@ -24,10 +24,11 @@ from scipy.spatial.transform import Rotation
 from benchmarks.processes import run_as_process
 from bridge.body.model_data import SMPL_PARENTS
 from bridge.errors import DsnetError, notify
-from bridge.motion.motion import Y_UP_FROM_Z_UP, UpAxis, unpack_theta
+from bridge.motion.motion import Y_UP_FROM_Z_UP, UpAxis
 from bridge.motion.readers import read_motion_file
 from bridge.motion.retargeting import mean_joints
 from bridge.motion.skeletons import OWN_NAMES, SIDES
+from bridge.motion.theta import unpack_theta
 from bridge.paper import N_JOINTS
 from bridge.runs.files import write_text_atomically
 

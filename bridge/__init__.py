@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from bridge.errors import DsnetError
 
 if TYPE_CHECKING:
-    from bridge.motion.resampling import load_motion_file as load_motion
+    from bridge.motion.resampling import load_motion
     from bridge.runs import read_artifact, write_artifact
 
 # Read when ONNX Runtime is imported, which else reports to its maker and leaves files behind.
@@ -17,14 +17,13 @@ __all__ = ["DsnetError", "__version__", "load_motion", "read_artifact", "write_a
 __version__ = "0.1.0"
 
 _LOADED_LATE = {
-    "load_motion": ("bridge.motion.resampling", "load_motion_file"),
-    "read_artifact": ("bridge.runs", "read_artifact"),
-    "write_artifact": ("bridge.runs", "write_artifact"),
+    "load_motion": "bridge.motion.resampling",
+    "read_artifact": "bridge.runs",
+    "write_artifact": "bridge.runs",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name in _LOADED_LATE:
-        module, attribute = _LOADED_LATE[name]
-        return getattr(import_module(module), attribute)
+        return getattr(import_module(_LOADED_LATE[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

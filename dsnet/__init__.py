@@ -18,7 +18,7 @@ from bridge import DsnetError, __version__
 if TYPE_CHECKING:
     from bridge.body import load_body_model as load_body
     from bridge.body import pose_vertices
-    from bridge.motion.resampling import load_motion_file as load_motion
+    from bridge.motion.resampling import load_motion
     from dsnet.exporters.export import export
     from dsnet.prediction.animate import animate, predict
     from dsnet.prediction.controls import Controls
@@ -45,7 +45,7 @@ _LOADED_LATE = {
     "export": "dsnet.exporters.export.export",
     "load_body": "bridge.body.load_body_model",
     "load_model": "dsnet.prediction.load_model.load_model",
-    "load_motion": "bridge.motion.resampling.load_motion_file",
+    "load_motion": "bridge.motion.resampling.load_motion",
     "pose_vertices": "bridge.body.pose_vertices",
     "predict": "dsnet.prediction.animate.predict",
 }

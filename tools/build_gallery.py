@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from benchmarks.processes import run_as_process
 from bridge.errors import DsnetError
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.runs import Run
 from dsnet.exporters.clips import write_gif
 from dsnet.prediction.controls import Controls, controlled_body
@@ -145,7 +145,7 @@ def recorded_motion(
     recorded : whose it is; its file's name when empty.
     person_of : kind of the run's test motion whose person moves so.
     """
-    person = load_motion_file(motion_of_kind(Run(config.run), person_of))
+    person = load_motion(motion_of_kind(Run(config.run), person_of))
     betas = ",".join(f"{beta:g}" for beta in person.betas)
     asked = Controls(betas=betas, floor="shift", smooth_hz=_SMOOTH_HZ)
     moving = _moved(config, file, itemgetter(shown), asked)

@@ -14,11 +14,11 @@ from benchmarks.processes import run_as_process
 from bridge.body import load_body_model
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
-from bridge.motion.resampling import load_motion_file
+from bridge.motion.resampling import load_motion
 from bridge.options import PositiveFloat
 from bridge.paper import FPS
-from dsnet.markers.bone_pose import bony_motion
-from dsnet.markers.marker_files import read_markers
+from dsnet.markers.bone_pose import bone_motion
+from dsnet.markers.marker_files import markers_of
 from dsnet.markers.registration import register
 from dsnet.markers.skin import compare_offsets
 from dsnet.stages.stage_evaluate import write_comparisons
@@ -41,12 +41,12 @@ class OnMarkersConfig:
 
 def main(config: OnMarkersConfig) -> None:
     """Write the comparison, on the pose of the file and on one whose chest follows bone."""
-    motion = load_motion_file(config.motion, config.motion_fps, FPS)
+    motion = load_motion(config.motion, config.motion_fps, FPS)
     gender = motion.gender if motion.gender in ("female", "male") else "female"
     body = load_body_model(f"embedded:{gender}")
     motion = motion.about_root_joint(shaped_joints(body, motion.betas[None])[0, 0])
-    registered = register(body, motion, read_markers(config.motion, motion.source_fps))
-    bony = bony_motion(body, motion, registered.cloud)
+    registered = register(body, motion, markers_of(motion))
+    bony = bone_motion(body, motion, registered.cloud)
     laws = {"own": TissueSimulator, **tissues()}
     if config.tissue not in laws:
         raise DsnetError(f"--tissue {config.tissue}", ", ".join(laws), "Name one of them.")

@@ -21,11 +21,11 @@ from scipy.signal import butter, sosfiltfilt
 from benchmarks.processes import run_as_process
 from bridge.body import BodyModelData
 from bridge.body.posing import Smpl, shaped_joints
-from bridge.motion import Motion, load_motion_file, pack_theta, unpack_theta
+from bridge.motion import Motion, load_motion, pack_theta, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.motion.readers.amass import motion_path
 from bridge.runs.files import write_text_atomically
-from dsnet.markers.bone_pose import bony_pose
+from dsnet.markers.bone_pose import bone_pose_of
 from dsnet.markers.segments import faster
 from dsnet.prediction.load_model import TrainedModel, load_model
 from dsnet.prediction.moving_body import MovingBody, place_motion
@@ -66,7 +66,7 @@ def main(config: MarkerPoseConfig) -> dict[str, Any]:
 
 
 def _measured(name: str, seed: int) -> dict[str, dict[str, float]]:
-    motion = load_motion_file(f"sample:{name}")
+    motion = load_motion(f"sample:{name}")
     trained = load_model(None, gender=motion.gender)
     body, true = trained.body, place_motion(motion, trained.body)
     offsets_m = _offsets(trained, true)
@@ -126,11 +126,11 @@ def _bony(body: BodyModelData, fitted: Motion, seen: NDArray) -> Motion:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "take.npz"
         np.savez(path, **arrays | {"marker_data": z_up, "marker_labels": labels})
-        read = load_motion_file(path)
+        read = load_motion(path)
         root_m = shaped_joints(body, read.betas[None])[0, 0]
         shift_m = read.about_root_joint(root_m).trans_m[0] - read.trans_m[0]
         theta = pack_theta(fitted.pose, fitted.trans_m - shift_m)
-        return bony_pose(body, replace(read, theta=theta)).about_root_joint(root_m)
+        return bone_pose_of(body, replace(read, theta=theta)).about_root_joint(root_m)
 
 
 def _scores(

@@ -25,11 +25,11 @@ from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, WHITE_DEG, WHIT
 from benchmarks.processes import run_as_process
 from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, MotionSequence, sequences_of, subject_rows
-from bridge.motion.motion import pack_theta, unpack_theta
 from bridge.motion.motion_checks import tremor_mm
 from bridge.motion.resampling import continuous_rotations
 from bridge.motion.sequences import is_real_motion
 from bridge.motion.smoothing import StreamSmoother, smoothed
+from bridge.motion.theta import pack_theta, unpack_theta
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
 from dsnet.prediction.load_model import load_model

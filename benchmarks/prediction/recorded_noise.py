@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.motion.motion import unpack_theta
-from bridge.motion.resampling import load_motion_file
+from bridge.motion.resampling import load_motion
+from bridge.motion.theta import unpack_theta
 from bridge.paper import N_JOINTS
 
 FASTER_THAN_HZ = 8.0
@@ -29,7 +29,7 @@ class Noise:
     @classmethod
     def of(cls, path: Path) -> Noise:
         """Of a recording, at 60 frames a second."""
-        recorded, calm = (load_motion_file(path, smooth_hz=hz) for hz in (None, FASTER_THAN_HZ))
+        recorded, calm = (load_motion(path, smooth_hz=hz) for hz in (None, FASTER_THAN_HZ))
         (pose, trans_m), (calm_pose, calm_m) = map(unpack_theta, (recorded.theta, calm.theta))
         turns = Rotation.from_rotvec(calm_pose.reshape(-1, 3)).inv()
         turns = turns * Rotation.from_rotvec(pose.reshape(-1, 3))

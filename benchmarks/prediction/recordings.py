@@ -27,7 +27,7 @@ from bridge.body import load_body_model
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError, notify
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.resampling import load_motion_file
+from bridge.motion.resampling import load_motion
 from bridge.motion.smoothing import SmoothHz
 from bridge.paper import FPS
 from bridge.runs import Run
@@ -186,7 +186,7 @@ def _clips_of(run: str, folder: Path, name: str) -> list[dict[str, Any]]:
         tissue = tissue_named(truth.manifest["tissue"])(body, betas, gravity=True)
         joint_m = shaped_joints(body, betas[None])[0, 0]
         for smoothed, smooth_hz in _SMOOTHED.items():
-            motion = load_motion_file(folder / name, smooth_hz=smooth_hz)
+            motion = load_motion(folder / name, smooth_hz=smooth_hz)
             theta = motion.about_root_joint(joint_m).theta
             theta = theta[pieces_between_cuts(theta)[0]][:_LONGEST_FRAMES].astype(np.float64)
             true_m = tissue.offsets(theta, FPS)

@@ -120,14 +120,14 @@ def one_woman(
                 theta = perform(take, f"woman {number}", Skeleton(body, betas),
                                 frame_count=config.frames, fps=60, seed=config.seed)  # fmt: skip
                 write_take(file, PlusModel(true, body), body, betas, theta, rng, mode != MODES[0])
-            with_bone: Callable = evidence.bony_motion
+            with_bone: Callable = evidence.bone_motion
             try:
                 if mode != MODES[2]:
-                    evidence.bony_motion = lambda body, motion, *_: motion
+                    evidence.bone_motion = lambda body, motion, *_: motion
                 takes = [_chest_alone(evidence.read_take(file, body)) for file in files]
                 fits[mode] = fit_person(body, base, takes)["chest"]
             finally:
-                evidence.bony_motion = with_bone
+                evidence.bone_motion = with_bone
     return truth, fits
 
 

@@ -1,7 +1,7 @@
 """Motions: the pose vector theta, files of motions, sequences, and who is trained on what."""
 
-from bridge.motion.motion import Motion, pack_theta, unpack_theta
-from bridge.motion.resampling import load_motion_file
+from bridge.motion.motion import Motion
+from bridge.motion.resampling import load_motion
 from bridge.motion.sequences import (
     MotionSequence,
     sequences_of,
@@ -9,11 +9,12 @@ from bridge.motion.sequences import (
     subjects_of,
     to_manifest,
 )
+from bridge.motion.theta import pack_theta, unpack_theta
 
 __all__ = [
     "Motion",
     "MotionSequence",
-    "load_motion_file",
+    "load_motion",
     "pack_theta",
     "sequences_of",
     "subject_rows",

@@ -1,11 +1,11 @@
 """Frames of a file as no body moves: cuts, a rest pose put in front, and frames that repeat.
 
-Recordings are joined, lose track, or loop: from one frame to the next the root is elsewhere, or a
-joint is turned round. To what has a past, tissue or a recurrent network, that is a blow which
+Recordings are joined, lose track, or loop: from one frame to the next the root is in another place,
+or a joint is turned round. To what has a past, tissue or a recurrent network, that is a blow which
 nobody gave. So each piece between cuts is a motion of its own, which begins from rest.
 
 Conversions of whole libraries (CMU's) begin with a T, because a program can take the skeleton from
-there, and leap into the motion within some frames: the same blow at every beginning.
+there, and jump into the motion within some frames: the same blow at every beginning.
 
 A tracker that loses somebody repeats the last pose, and a motion of 30 frames a second is written
 at 60 with each of them twice. Who halts slows down before: a body that stops dead and goes on at
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.motion.motion import unpack_theta
+from bridge.motion.theta import unpack_theta
 from bridge.paper import N_JOINTS
 
 CUT_M = 0.5
@@ -32,11 +32,11 @@ CUT_RAD = np.radians(150.0)
 _NO_LEAVES = [joint for joint in range(N_JOINTS) if joint not in (10, 11, 20, 21)]
 """All but toes and wrists, which carry no flesh to speak of: where one flips, the body goes on."""
 _FRAMES_AT_ONCE = 4096
-_LEAP_RAD_S = np.radians(1500.0)
-"""Least speed of a joint's first turn that is a leap out of a rest pose: only the fastest kick is
+_JUMP_RAD_S = np.radians(1500.0)
+"""Least speed of a joint's first turn that is a jump out of a rest pose: only the fastest kick is
 as fast, and a recording begins with what comes before it."""
 _SETTLED_RAD_S = np.radians(700.0)
-_LONGEST_LEAP_S = 0.1
+_LONGEST_JUMP_S = 0.1
 _LONGEST_REPEAT_S = 0.25
 _ABRUPT = 0.7
 """Of the speed one step farther from the repeats: of who turns back evenly it is a half."""
@@ -53,13 +53,18 @@ def is_cut(before: NDArray, after: NDArray) -> NDArray[np.bool_]:
     return (far_m >= CUT_M) | (turn_rad >= CUT_RAD)
 
 
-def pieces_between_cuts(theta: NDArray) -> list[slice]:
-    """The frames of a motion (T, 69) as pieces without a cut: slices that follow one another."""
-    theta, begins = np.asarray(theta, np.float64), [0]
+def find_cuts(theta: NDArray) -> tuple[int, ...]:
+    """The first frame after each cut of a motion (T, 69)."""
+    theta, begins = np.asarray(theta, np.float64), []
     for first in range(0, len(theta) - 1, _FRAMES_AT_ONCE):
         part = theta[first : first + _FRAMES_AT_ONCE + 1]
         begins.extend((np.flatnonzero(is_cut(part[:-1], part[1:])) + first + 1).tolist())
-    return [slice(*ends) for ends in pairwise([*begins, len(theta)])]
+    return tuple(begins)
+
+
+def pieces_between_cuts(theta: NDArray) -> list[slice]:
+    """The frames of a motion (T, 69) as pieces without a cut: slices that follow one another."""
+    return [slice(*ends) for ends in pairwise([0, *find_cuts(theta), len(theta)])]
 
 
 def predict_between_cuts(predict: Callable[[NDArray], NDArray], theta: NDArray) -> NDArray:
@@ -68,15 +73,15 @@ def predict_between_cuts(predict: Callable[[NDArray], NDArray], theta: NDArray) 
 
 
 def frames_of_rest_pose(pose: NDArray[np.floating], fps: float) -> int:
-    """How many frames of a pose (T, J, 3) come before the motion: those up to the end of a leap.
+    """How many frames of a pose (T, J, 3) come before the motion: those up to the end of a jump.
 
     At most a tenth of a second, and never so many that fewer than two are left; mostly 0.
     """
-    steps = min(max(1, round(_LONGEST_LEAP_S * fps)), len(pose) - 2)
+    steps = min(max(1, round(_LONGEST_JUMP_S * fps)), len(pose) - 2)
     if steps < 1:
         return 0
     speed_rad_s = turns_rad(pose[:steps], pose[1 : steps + 1]).max(axis=1) * fps
-    if speed_rad_s[0] < _LEAP_RAD_S:
+    if speed_rad_s[0] < _JUMP_RAD_S:
         return 0
     return int(np.flatnonzero(speed_rad_s >= _SETTLED_RAD_S)[-1]) + 1
 
@@ -94,10 +99,10 @@ def repeated_frames(values: NDArray, fps: float) -> NDArray[np.bool_]:
     chosen &= np.minimum(speed[before], speed[after]) >= _MOVING_1_S
     chosen &= speed[before] >= _ABRUPT * beyond[before]
     chosen &= speed[after] >= _ABRUPT * beyond[after + 2]
-    found = np.zeros(len(flat), bool)
+    repeats = np.zeros(len(flat), bool)
     for first, last in zip(before[chosen], after[chosen], strict=True):
-        found[first + 2 : last + 1] = True
-    return found
+        repeats[first + 2 : last + 1] = True
+    return repeats
 
 
 def turns_rad(pose: NDArray, next_pose: NDArray) -> NDArray[np.float64]:

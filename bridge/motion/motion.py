@@ -1,14 +1,10 @@
-"""A motion that a body can follow, and the paper's pose vector (Section 3.2).
-
-theta_t holds 22 joints x 3 axis-angle components (root first, hands left out) and then the root's
-translation: 22 x 3 + 3 = 69. SMPL's own `body_pose` is 69 wide too and is something else (23
-joints, no root, no translation). No other module packs or unpacks the 69 numbers.
-"""
+"""A motion that a body can follow: what a file says of it, and where it has cuts."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -16,8 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.errors import DsnetError
-from bridge.paper import N_JOINTS, THETA_SIZE
+from bridge.motion.cuts import find_cuts
+from bridge.motion.markers import MarkerFile
+from bridge.motion.theta import pack_theta, unpack_theta
+from bridge.paper import N_JOINTS
 
 UpAxis = Literal["y", "z"]
 Up: TypeAlias = Literal["auto", "y", "z"]
@@ -48,38 +46,10 @@ class HowRead:
     up: Up = "auto"
     """Its vertical axis."""
     joint_map: Mapping[str, str] = field(default_factory=dict)
-    """The file's joints by SMPL's names, where names do not tell."""
+    """The file's joints by SMPL's names, where names do not say."""
 
 
 AS_IT_SAYS = HowRead()
-
-
-def pack_theta(pose: ArrayLike, trans_m: ArrayLike) -> NDArray[np.floating]:
-    """Joint rotations (..., >= 22, 3) axis-angle and translation (..., 3) m to theta (..., 69).
-
-    Joints beyond the 22nd (SMPL's hands) are dropped, as in the paper.
-    """
-    pose, trans_m = np.asarray(pose), np.asarray(trans_m)
-    if pose.shape[-2] < N_JOINTS or pose.shape[-1] != 3 or trans_m.shape[-1] != 3:
-        raise DsnetError(
-            f"pose {pose.shape} and translation {trans_m.shape}",
-            "pose (..., 22 or more, 3) and translation (..., 3)",
-            "Pass axis-angle joint rotations and metres.",
-        )
-    body = pose[..., :N_JOINTS, :].reshape(*pose.shape[:-2], 3 * N_JOINTS)
-    return np.concatenate([body, trans_m], axis=-1)
-
-
-def unpack_theta(theta: ArrayLike) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """theta (..., 69) to joint rotations (..., 22, 3) axis-angle and translation (..., 3) m."""
-    theta = np.asarray(theta)
-    if theta.shape[-1] != THETA_SIZE:
-        raise DsnetError(
-            f"theta of shape {theta.shape}",
-            f"a last axis of {THETA_SIZE}",
-            "Pack it with bridge.motion.pack_theta.",
-        )
-    return theta[..., :-3].reshape(*theta.shape[:-1], N_JOINTS, 3), theta[..., -3:]
 
 
 def amass_poses(
@@ -110,7 +80,7 @@ class Motion:
     """Frames per second of the file; nan of one that does not say, before it is prepared."""
     source: Path
     kind: str | None = None
-    """`smpl`, `smplh` or `smplx`: of whose body pose and betas are, where the file tells."""
+    """`smpl`, `smplh` or `smplx`: of whose body pose and betas are, where the file says."""
     more_betas: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     """(K,) the file's coefficients after the tenth, of which only bodies with more shapes make
     use."""
@@ -132,7 +102,24 @@ class Motion:
     embedded_betas: bool = False
     """Whether the file says that its betas are an embedded body's, as those of this project do."""
     notes: tuple[str, ...] = ()
-    """What was odd about the file, a line each."""
+    """Notes about the file, a line each."""
+    markers: MarkerFile | None = None
+    """Those that the pose was fitted to, of the whole file, where there are any."""
+    cuts: tuple[int, ...] = ()
+    """The first frame after each cut (`bridge.motion.cuts`). They are found when a motion is made,
+    or `replace` gives it another theta."""
+    cuts_of: NDArray[np.floating] | None = field(default=None, repr=False)
+    """The theta whose cuts these are."""
+
+    def __post_init__(self) -> None:
+        if self.cuts_of is not self.theta:
+            object.__setattr__(self, "cuts", find_cuts(self.theta))
+            object.__setattr__(self, "cuts_of", self.theta)
+
+    @property
+    def pieces(self) -> list[slice]:
+        """The frames between cuts: slices that follow one another."""
+        return [slice(*ends) for ends in pairwise([0, *self.cuts, len(self.theta)])]
 
     @property
     def pose(self) -> NDArray[np.floating]:
@@ -146,17 +133,26 @@ class Motion:
         return np.concatenate([self.pose, *rest], axis=1)
 
     def posed(self, all_joints: NDArray[np.floating], trans_m: ArrayLike, **changes: Any) -> Motion:
-        """The motion with other rotations (T, 22 or J, 3) and translations (T, 3), metres."""
+        """The motion with other rotations (T, 22 or J, 3) and translations (T, 3), metres; its
+        cuts stay where they are."""
         rest = all_joints[:, N_JOINTS:] if self.hands_and_face is not None else None
         theta = pack_theta(all_joints, trans_m)
-        return replace(self, theta=theta, hands_and_face=rest, **changes)
+        return replace(self, theta=theta, cuts_of=theta, hands_and_face=rest, **changes)
 
-    def frames(self, chosen: slice) -> Motion:
-        """Some of its frames."""
-        rest, dmpls = self.hands_and_face, self.dmpls
+    def moved(self, trans_m: ArrayLike) -> Motion:
+        """The same with other translations (T, 3), metres, alone."""
+        theta = pack_theta(self.pose, trans_m)
+        return replace(self, theta=theta, cuts_of=theta)
+
+    def frames(self, chosen: slice | NDArray[np.intp]) -> Motion:
+        """Some of its frames, in order of time."""
+        rest, dmpls, theta = self.hands_and_face, self.dmpls, self.theta[chosen]
+        begins = np.searchsorted(np.arange(len(self.theta))[chosen], self.cuts)
         return replace(
             self,
-            theta=self.theta[chosen],
+            theta=theta,
+            cuts=tuple(sorted({*begins.tolist()} - {0, len(theta)})),
+            cuts_of=theta,
             hands_and_face=None if rest is None else rest[chosen],
             dmpls=None if dmpls is None else dmpls[chosen],
         )
@@ -183,4 +179,4 @@ class Motion:
             return self
         joint = np.asarray(root_joint_m, dtype=np.float64)
         shift = (Y_UP_FROM_Z_UP.apply(joint) if self.trans_of == "z" else 0) - joint
-        return replace(self, theta=pack_theta(self.pose, self.trans_m + shift))
+        return self.moved(self.trans_m + shift)

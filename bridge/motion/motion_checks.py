@@ -1,4 +1,4 @@
-"""What is odd about a motion that is used all the same: a line of warning each.
+"""Warnings about a motion that is used all the same, a line each.
 
 Four faults of recordings are looked for. A *cut* (`bridge.motion.cuts`), where the motion is
 another one. A *pop*: where a recording loses a marker, or its solver turns a limb the other way
@@ -6,7 +6,7 @@ round and back, a leg flips within some frames; the eye sees a flicker, tissue i
 swings for half a second. A *fall* that no body falls: a file's rate is a number that somebody
 wrote, and at twice its rate a motion is four times as violent; what gives it away is a jump.
 *Tremor*: at 15 Hz a millimetre that no eye sees is nearly a gravity of acceleration; what moves a
-body is slower than 10 Hz but for moments, so the median of what is faster tells the noise.
+body is slower than 10 Hz but for moments, so the median of what is faster measures the noise.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.motion.cuts import turns_rad
-from bridge.motion.motion import Motion, unpack_theta
+from bridge.motion.motion import Motion
+from bridge.motion.theta import unpack_theta
 from bridge.paper import N_JOINTS
 
 MOST_TREMOR_MM = 0.45
@@ -39,7 +40,7 @@ gravity in a real jumping jack, and 5.5 at twice its rate."""
 _GRAVITY_M_S2 = 9.81
 _FALL_HALF_S = 0.05
 _POPS_APART_S = 0.25
-_TOLD = 5
+_LISTED = 5
 _LYING, _STANDING = 0.3, 0.7
 """Shares of the vertical in the direction of a trunk."""
 _FLYING_M = 2.0
@@ -54,7 +55,7 @@ _MOST_TURNS_DEG_S = np.array(
 
 def motion_warnings(
     motion: Motion,
-    pieces: Sequence[slice],
+    pieces: Sequence[slice] | None = None,
     rate_option: str = "--motion-fps",
     smooth_option: str = "--smooth-hz auto",
 ) -> list[str]:
@@ -62,34 +63,34 @@ def motion_warnings(
 
     Parameters
     ----------
-    pieces : `bridge.motion.cuts.pieces_between_cuts` of it.
+    pieces : frames that are looked at; all, between cuts, if None.
     rate_option : the option by which the user says the right frame rate.
     smooth_option : the one that leaves noise out.
     """
-    source, fps, found = motion.source, motion.fps, [*motion.notes]
-    trans_m = motion.trans_m
+    source, fps, lines = motion.source, motion.fps, [*motion.notes]
+    trans_m, pieces = motion.trans_m, pieces or motion.pieces
     if motion.rest_pose_frames:
-        found.append(
+        lines.append(
             f"{source}: the motion begins after frame {motion.rest_pose_frames} of the file; "
             "before it stands a pose from which nobody gets there so fast"
         )
-    if said := _posture(motion):
-        found.append(said)
+    if posture := _posture(motion):
+        lines.append(posture)
     if cuts := [f"{piece.start} ({piece.start / fps:.2f} s)" for piece in pieces[1:]]:
-        found.append(
+        lines.append(
             f"{source} jumps at frame {_first_of(cuts)} of its {fps:g} frames a second: "
             "the tissue starts anew there, from rest"
         )
     fall_g = max(steepest_fall_g(trans_m[piece, 1], fps) for piece in pieces)
     if fall_g > MOST_FALL_G:
-        found.append(
+        lines.append(
             f"{source} falls with {fall_g:.1f} times gravity at its {motion.source_fps:g} "
             f"frames a second, where one of some {motion.source_fps / np.sqrt(fall_g):.0f} would "
             f"fit: if it is wrong, {rate_option} says the right one"
         )
     pops = find_pops(motion, pieces)
     if named := [f"{name} at {frame / fps:.2f} s" for frame, name in pops.items()]:
-        found.append(
+        lines.append(
             f"{source} moves faster than anybody can: {_first_of(named)}: "
             "if it is a fault of the recording, smooth it there, for it throws the tissue"
         )
@@ -97,11 +98,11 @@ def motion_warnings(
     if fall_g <= MOST_FALL_G and motion.smooth_hz != "auto":
         most_mm = max(tremor_mm(trans_m[piece], fps) for piece in pieces)
         if most_mm > MOST_TREMOR_MM:
-            found.append(
+            lines.append(
                 f"{source} trembles by {most_mm:.1f} mm above {TREMOR_FROM_HZ:g} Hz, as noisy "
                 f"recordings do, and shakes the tissue: {smooth_option} leaves that out"
             )
-    return found
+    return lines
 
 
 def _posture(motion: Motion) -> str | None:
@@ -109,14 +110,14 @@ def _posture(motion: Motion) -> str | None:
     another one."""
     height_m = motion.trans_m[:, 1]
     above_m = float(np.median(height_m - height_m.min()))
-    said = None
+    posture = None
     if _uprightness(motion.pose) < _LYING:
-        said = "hangs head down" if hangs(motion.pose) else "lies or bends down"
+        posture = "hangs head down" if hangs(motion.pose) else "lies or bends down"
     elif above_m > _FLYING_M:
-        said = f"is {above_m:.1f} m above its lowest place"
-    if said is None:
+        posture = f"is {above_m:.1f} m above its lowest place"
+    if posture is None:
         return None
-    return f"{motion.source} {said} for most of it: if it should not, --up says its vertical"
+    return f"{motion.source} {posture} for most of it: if it should not, --up says its vertical"
 
 
 def hangs(pose: NDArray[np.floating]) -> bool:
@@ -164,7 +165,7 @@ def find_pops(motion: Motion, pieces: Sequence[slice]) -> dict[int, str]:
 
     Frames less than a quarter of a second apart are one pop; `pieces` are those between cuts.
     """
-    found: dict[int, str] = {}
+    pops: dict[int, str] = {}
     for piece in pieces:
         pose, trans_m = unpack_theta(np.asarray(motion.theta[piece], np.float64))
         # How far each joint's speed and the root's acceleration are above the bound, as 1.
@@ -178,11 +179,11 @@ def find_pops(motion: Motion, pieces: Sequence[slice]) -> dict[int, str]:
         for frame in np.flatnonzero((excess > 1).any(axis=1)):
             if frame - last > _POPS_APART_S * motion.fps:
                 name = [*SMPL_JOINT_NAMES[:N_JOINTS], "root"][int(excess[frame].argmax())]
-                found[piece.start + int(frame)] = name
+                pops[piece.start + int(frame)] = name
             last = frame
-    return found
+    return pops
 
 
 def _first_of(named: Sequence[str]) -> str:
-    more = f" and {len(named) - _TOLD} more" if len(named) > _TOLD else ""
-    return ", ".join(named[:_TOLD]) + more
+    more = f" and {len(named) - _LISTED} more" if len(named) > _LISTED else ""
+    return ", ".join(named[:_LISTED]) + more

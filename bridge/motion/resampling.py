@@ -1,8 +1,8 @@
 """Motions in time: from a file's frames to the paper's 60 fps, y up (Section 3.2), and between two.
 
 Rotations are interpolated on the sphere (SLERP, the short way) joint by joint, all else linearly.
-At a lower rate than is asked for, straight lines would be corners at which the tissue is hit sixty
-times a second: cubic splines go through those frames, of quaternions for rotations. Nothing is
+Of a file at a lower rate than the result, straight lines would be corners at which the tissue is
+hit: cubic splines go through those frames, of quaternions for rotations. Nothing is
 extrapolated beyond the last frame, and nothing is interpolated across a cut (`bridge.motion.cuts`).
 Axis-angle vectors are kept continuous in time, as those of an alignment that starts each frame from
 the one before.
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from bridge.errors import DsnetError
-from bridge.motion.cuts import pieces_between_cuts, repeated_frames
+from bridge.motion.cuts import find_cuts, repeated_frames
 from bridge.motion.motion import (
     AS_IT_SAYS,
     MOST_FRAMES,
@@ -28,11 +28,10 @@ from bridge.motion.motion import (
     HowRead,
     Motion,
     SmoothHz,
-    pack_theta,
-    unpack_theta,
 )
 from bridge.motion.readers import read_motion_file
 from bridge.motion.smoothing import continuous_quaternions, continuous_rotations, smoothed
+from bridge.motion.theta import pack_theta, unpack_theta
 from bridge.paper import FPS
 
 # Files store rates such as 120.00004577636719; a last frame must not be lost to that.
@@ -40,7 +39,7 @@ _FRAME_TOLERANCE = 1e-3
 _FEWEST_OF_SPLINE = 4
 
 
-def load_motion_file(
+def load_motion(
     path: Path | str,
     source_fps: float | None = None,
     fps: float = FPS,
@@ -88,13 +87,16 @@ def load_motion_file(
             f"at most {MOST_FRAMES}",
             "Check its rate, or cut it into several files.",
         )
-    pose, trans_m, dmpls = _resample(motion, fps)
+    motion = _resampled(motion, fps)
+    pose, trans_m = motion.all_joints, motion.trans_m
     if motion.up == "z":
         pose[:, 0] = (Y_UP_FROM_Z_UP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
         trans_m = Y_UP_FROM_Z_UP.apply(trans_m)
-    for piece in pieces_between_cuts(pack_theta(pose, trans_m)):
-        pose[piece] = continuous_rotations(pose[piece])
-    return motion.posed(pose, trans_m, fps=float(fps), up="y", dmpls=dmpls)
+    # Where frames are left out, steps add up: there may be more cuts than in the file.
+    cuts = tuple(sorted({*motion.cuts, *find_cuts(motion.theta)}))
+    for first, last in pairwise([0, *cuts, len(pose)]):
+        pose[first:last] = continuous_rotations(pose[first:last])
+    return motion.posed(pose, trans_m, up="y", cuts=cuts)
 
 
 def resampled_frames(frame_count: int, source_fps: float, fps: float = FPS) -> int:
@@ -105,16 +107,16 @@ def resampled_frames(frame_count: int, source_fps: float, fps: float = FPS) -> i
 
 def _without_repeats(motion: Motion) -> Motion:
     """The motion with repeated frames interpolated between the others, and a note of it."""
-    pieces, count = pieces_between_cuts(motion.theta), len(motion.theta)
+    pieces, count = motion.pieces, len(motion.theta)
     parts = [repeated_frames(motion.theta[piece], motion.fps) for piece in pieces]
     repeated, at_s = np.concatenate(parts), np.arange(count) / motion.fps
     if not repeated.any():
         return motion
     pose, line = motion.all_joints.copy(), _lines(motion)
     for piece in pieces:
-        again, known = (piece.start + np.flatnonzero(repeated[piece] == one) for one in (1, 0))
+        again, others = (piece.start + np.flatnonzero(repeated[piece] == one) for one in (1, 0))
         if len(again):
-            drawn = _curved(pose[known], line[known], at_s[known], at_s[again])
+            drawn = _curved(pose[others], line[others], at_s[others], at_s[again])
             pose[again], line[again] = drawn
     note = (
         f"{motion.source} repeats {repeated.sum()} of its {count} frames while the body moves, "
@@ -130,26 +132,23 @@ def _lines(motion: Motion) -> NDArray[np.float64]:
     return np.concatenate(lines, axis=1)
 
 
-def _resample(
-    motion: Motion, fps: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
-    """Joint rotations, translation and DMPL coefficients at `fps`, piece by piece between cuts.
+def _resampled(motion: Motion, fps: float) -> Motion:
+    """The motion at `fps`, piece by piece between cuts.
 
     What is sampled between the last frame before a cut and the first after it goes on as the
-    motion did before.
+    motion did before. A cut stays where both of its sides are sampled.
     """
     whole, line = motion.all_joints, _lines(motion)
     count = len(whole)
     times_s = np.arange(resampled_frames(count, motion.fps, fps)) / fps
     times_s = np.minimum(times_s, (count - 1) / motion.fps)
-    pieces = pieces_between_cuts(motion.theta)
-    first_times_s = np.array([piece.start for piece in pieces]) / motion.fps
+    first_times_s = np.array([0, *motion.cuts]) / motion.fps
     first_samples = np.searchsorted(times_s, first_times_s - _FRAME_TOLERANCE / fps)
-    found = []
-    samples = pairwise([*first_samples, len(times_s)])
-    for piece, (one, last) in zip(pieces, samples, strict=True):
-        if one == last:
-            continue
+    each = zip(motion.pieces, pairwise([*first_samples.tolist(), len(times_s)]), strict=True)
+    sampled = [(piece, one, last) for piece, (one, last) in each if one < last]
+    cuts = tuple(two[1] for one, two in pairwise(sampled) if one[0].stop == two[0].start)
+    parts = []
+    for piece, one, last in sampled:
         pose, values = whole[piece], line[piece]
         if piece.stop < count:
             before, now = (Rotation.from_rotvec(pose[i]) for i in (max(len(pose) - 2, 0), -1))
@@ -158,9 +157,10 @@ def _resample(
         source_s = np.arange(len(pose)) / motion.fps
         at_s = np.clip(times_s[one:last] - piece.start / motion.fps, 0, source_s[-1])
         is_slow = motion.fps < fps - _FRAME_TOLERANCE and len(pose) >= _FEWEST_OF_SPLINE
-        found.append((_curved if is_slow else _straight)(pose, values, source_s, at_s))
-    pose, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return pose, moved[:, :3], None if motion.dmpls is None else moved[:, 3:]
+        parts.append((_curved if is_slow else _straight)(pose, values, source_s, at_s))
+    pose, moved = (np.concatenate(each) for each in zip(*parts, strict=True))
+    dmpls = None if motion.dmpls is None else moved[:, 3:]
+    return motion.posed(pose, moved[:, :3], dmpls=dmpls, fps=float(fps), cuts=cuts)
 
 
 def _straight(
@@ -200,8 +200,8 @@ def between(before: NDArray, after: NDArray, share: NDArray) -> NDArray[np.float
     both = np.stack([pose, turned]).reshape(2, -1, 3).astype(np.float64)
     turned = continuous_rotations(both)[1]
     moved_m = trans_m + share[:, None] * (next_trans_m - trans_m)
-    found = pack_theta(turned.reshape(pose.shape), moved_m)
-    return np.where(share[:, None] == 1, after, found)
+    theta = pack_theta(turned.reshape(pose.shape), moved_m)
+    return np.where(share[:, None] == 1, after, theta)
 
 
 def going_on(before: NDArray, last: NDArray) -> NDArray[np.floating]:

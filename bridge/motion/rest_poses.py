@@ -1,9 +1,9 @@
 """What turns SMPL's rest pose into the frames of a file's joints, by where its joints lie.
 
-The pelvis has two hips and a spine, which tell its frame; the chest has collars and a neck. From
+The pelvis has two hips and a spine, which give its frame; the chest has collars and a neck. From
 there each joint's frame is that of the one above it, if its bone then points where SMPL's does. If
 not, it is turned by the shortest turn of a cube that brings the bone there. How it is turned about
-the bone, no place tells: of four quarters that is taken in which the joint turns least throughout
+the bone, no place says: of four quarters that is taken in which the joint turns least throughout
 the motion; so it is with leaves where nobody stands as the file rests. Feet that rest elsewhere
 than a standing body's are taken to stand flat where their toes are lowest.
 
@@ -83,7 +83,7 @@ class RestTurns:
 
     Attributes
     ----------
-    found : (3, 3) R_j by the name of every joint of SMPL's that the file has.
+    rest_turns : (3, 3) R_j by the name of every joint of SMPL's that the file has.
     frames : the same before bones are brought onto the file's.
     feet : ankles that are taken to stand flat where they are lowest.
     """
@@ -101,7 +101,7 @@ class RestTurns:
         self.up = up
         rest = {name: skeleton.rest[joint] for name, joint in joints.items()}
         self.frames = {"pelvis": _pelvis(skeleton.path, rest)}
-        self.found, self.feet = dict(self.frames), list[str]()
+        self.rest_turns, self.feet = dict(self.frames), list[str]()
         self.chest = _chest_frame(skeleton, joints, rest)
         self.stands = standing_up(skeleton, joints) is not None
         # A skeleton that is SMPL's own, by its names, is taken as it is.
@@ -113,7 +113,7 @@ class RestTurns:
     def _find(self, name: str) -> None:
         """One joint more."""
         above = OWN_NAMES[SMPL_PARENTS[OWN_NAMES.index(name)]]
-        while above not in self.found:
+        while above not in self.rest_turns:
             above = OWN_NAMES[SMPL_PARENTS[OWN_NAMES.index(above)]]
         end, along, most_deg = _BONES[name]
         frame, bone = self.frames[above], self._bone(name, end)
@@ -127,13 +127,13 @@ class RestTurns:
             frame = self._ankle(name, frame, bone)
         elif bone is None:
             kept = self.stands and above not in self.feet
-            inherited = self.found[above] if name.endswith("wrist") else frame
+            inherited = self.rest_turns[above] if name.endswith("wrist") else frame
             frame = inherited if kept else self._quietest(name, above, [inherited, *_CUBE])
         elif not self.stands or angle_deg(frame @ smpl_bone, bone) > most_deg:
             frame = self._quietest(name, above, _swung(frame, along, bone))
-        self.frames[name] = self.found[name] = frame
+        self.frames[name] = self.rest_turns[name] = frame
         if is_limb and bone is not None and not self.is_smpls:
-            self.found[name] = shortest_turn(frame @ smpl_bone, bone) @ frame
+            self.rest_turns[name] = shortest_turn(frame @ smpl_bone, bone) @ frame
 
     def _bone(self, name: str, end: str | None) -> NDArray[np.float64] | None:
         """(3,) from a joint to where its bone ends; None where that is not known."""
@@ -144,7 +144,7 @@ class RestTurns:
 
     def _quietest(self, name: str, above: str, turns: Sequence[NDArray]) -> NDArray[np.float64]:
         """The one with which the joint turns least throughout, or the first if none is clearly."""
-        world = self.turns[:, self.joints[above]] @ self.found[above]
+        world = self.turns[:, self.joints[above]] @ self.rest_turns[above]
         local = self.turns[:, self.joints[name]]
         turned_deg = [turn_deg(world, local @ turn) for turn in turns]
         best = int(np.argmin(turned_deg))
@@ -178,10 +178,10 @@ def leg_length(rest: Rest) -> float:
 
 
 def _pelvis(path: Path, rest: Rest) -> NDArray[np.float64]:
-    found = _frame(rest, "hip", middle(rest, "hip"), _above(rest))
-    if found is None:
+    frame = _frame(rest, "hip", middle(rest, "hip"), _above(rest))
+    if frame is None:
         raise unusable(path, "whose hips and trunk lie in one line at rest")
-    return found
+    return frame
 
 
 def _above(rest: Rest) -> NDArray[np.float64]:

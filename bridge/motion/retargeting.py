@@ -5,12 +5,12 @@ A joint of SMPL turns in the world as the joint of the file does that has its pl
     G_j(t) = U B_j(t) R_j,    local rotation = G_parent(t)^T G_j(t)
 
 B_j is the world rotation of the file's joint from its frame, and R_j turns SMPL's rest pose (a T)
-into that frame (`bridge.motion.rest_poses`): found by where the joints lie, so the file may rest in
-any pose. U brings the file's vertical upright; which one that is, the bodies tell that stand on it.
-Joints that the file lacks do not turn.
+into that frame (`bridge.motion.rest_poses`): by where the joints lie, so the file may rest in any
+pose. U brings the file's vertical upright: the axis along which its bodies stand. Joints that the
+file lacks do not turn.
 
-At last the limbs of the moved body are held against the file's own joints. What disagrees is told,
-or refused where it is no matter of build.
+At last the limbs of the moved body are compared with the file's joints. Differences are notes of
+the motion, or refused where they are no matter of build.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.motion.directions import angle_deg, middle, turn_deg, unit
-from bridge.motion.motion import AS_IT_SAYS, FARTHEST_M, HowRead, Motion, pack_theta
+from bridge.motion.motion import AS_IT_SAYS, FARTHEST_M, HowRead, Motion
 from bridge.motion.rest_poses import Rest, RestTurns, leg_length, standing_up
 from bridge.motion.skeletons import (
     OWN_NAMES,
@@ -35,6 +35,7 @@ from bridge.motion.skeletons import (
     joints_by_name,
     unusable,
 )
+from bridge.motion.theta import pack_theta
 from bridge.paper import N_BETAS, N_JOINTS
 
 Places = Mapping[str, NDArray[np.float64]]
@@ -65,8 +66,8 @@ _LIMBS = {
                      ("ankle", "foot"))
     for side in SIDES
 }  # fmt: skip
-_TOLD_DEG = {"hips": 20.0, "shoulders": 25.0, "trunk": 25.0, "ankle": 40.0}
-_LIMB_TOLD_DEG, _REFUSED_DEG = 10.0, 60.0
+_WARN_DEG = {"hips": 20.0, "shoulders": 25.0, "trunk": 25.0, "ankle": 40.0}
+_LIMB_WARN_DEG, _REFUSED_DEG = 10.0, 60.0
 """Median angles between a body's limb and the file's; people differ in trunk and feet."""
 
 
@@ -74,7 +75,7 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
     """The motion as SMPL's joints do it, for a body of the mean shape; y up.
 
     The hips' path is scaled by the length of the legs, which also brings the file's unit to
-    metres. The file tells neither shape nor gender. A skeleton is refused that lacks a joint which
+    metres. The file has neither shape nor gender. A skeleton is refused that lacks a joint which
     a body needs, or whose joints the moved body cannot follow.
     """
     joints = joints_by_name(skeleton, how.joint_map)
@@ -95,14 +96,14 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
         skeleton = skeleton.mirrored(axis)
         turns, places = skeleton.posed(sampled)
     carriers = joints | {"pelvis": _pelvis_frame(skeleton, joints, turns)}
-    upright, said = _upright(skeleton, joints, places, how)
+    upright, upright_notes = _upright(skeleton, joints, places, how)
     vertical = upright.T @ [0.0, 1.0, 0.0]
-    found = RestTurns(skeleton, carriers, smpl_rest_m, (turns, places), vertical)
-    rest, feet = found.found, found.feet
-    notes += said
+    rested = RestTurns(skeleton, carriers, smpl_rest_m, (turns, places), vertical)
+    rest, feet = rested.rest_turns, rested.feet
+    notes += upright_notes
     if feet:
         notes.append(
-            f"{skeleton.path} rests with feet that point elsewhere than a standing body's: "
+            f"{skeleton.path} rests with feet that point another way than a standing body's: "
             f"{' and '.join(feet)} are taken to stand flat where they are lowest"
         )
     world = _smpl_turns(upright @ turns, carriers, rest)
@@ -128,13 +129,13 @@ def _smpl_turns(
     world: NDArray, joints: Mapping[str, int], rest: Mapping[str, NDArray]
 ) -> NDArray[np.float64]:
     """(B, 22, 3, 3) world rotations G_j of SMPL's joints."""
-    found = np.empty((len(world), N_JOINTS, 3, 3))
+    turns = np.empty((len(world), N_JOINTS, 3, 3))
     for number, name in enumerate(OWN_NAMES):
         if name in rest:
-            found[:, number] = world[:, joints[name]] @ rest[name]
+            turns[:, number] = world[:, joints[name]] @ rest[name]
         else:
-            found[:, number] = found[:, SMPL_PARENTS[number]]
-    return found
+            turns[:, number] = turns[:, SMPL_PARENTS[number]]
+    return turns
 
 
 def _pelvis_frame(skeleton: SkeletonMotion, joints: Mapping[str, int], turns: NDArray) -> int:
@@ -174,29 +175,29 @@ def _dots(one: NDArray, other: NDArray) -> NDArray[np.float64]:
 def _upright(
     skeleton: SkeletonMotion, joints: Mapping[str, int], places: NDArray, how: HowRead
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """(3, 3) from the file's world to y up, and what is to be said of it."""
+    """(3, 3) from the file's world to y up, and notes about it."""
     rest_up = standing_up(skeleton, joints)
     mean = standing_direction({name: places[:, joint] for name, joint in joints.items()})
-    found, notes = _axis(mean), []
+    axis, notes = _axis(mean), []
     share = float(np.abs(mean).max())
     if how.up != "auto":
-        found = (how.up, 1)
+        axis = (how.up, 1)
     elif share < _STANDING:
-        found = ("y", 1) if rest_up is None else _axis(rest_up)
+        axis = ("y", 1) if rest_up is None else _axis(rest_up)
         notes.append(
             f"{skeleton.path} stands neither along y nor z for most of the motion: "
-            f"taken as {_called(found)} up, --up says otherwise"
+            f"taken as {_called(axis)} up, --up says otherwise"
         )
-    elif rest_up is not None and _axis(rest_up) != found:
-        own, sign = _axis(rest_up)
-        if share < _SURELY_STANDING or sign * mean["xyz".index(own)] > _SURELY_LYING:
-            found = (own, sign)
+    elif rest_up is not None and _axis(rest_up) != axis:
+        rest_axis = letter, sign = _axis(rest_up)
+        if share < _SURELY_STANDING or sign * mean["xyz".index(letter)] > _SURELY_LYING:
+            axis = rest_axis
         else:
             notes.append(
-                f"{skeleton.path} rests with {_called((own, sign))} up and moves with "
-                f"{_called(found)} up, which is believed: --up says otherwise"
+                f"{skeleton.path} rests with {_called(rest_axis)} up and moves with "
+                f"{_called(axis)} up, which is believed: --up says otherwise"
             )
-    return upright_turn(*found), notes
+    return upright_turn(*axis), notes
 
 
 def standing_direction(places: Places) -> NDArray[np.float64]:
@@ -263,19 +264,19 @@ def _check(
     places: NDArray,
     notes: list[str],
 ) -> None:
-    """Hold limbs and lines of the moved body (S, 22, 3, 3) against the file's (S, J, 3)."""
+    """Compare limbs and lines of the moved body (S, 22, 3, 3) with the file's (S, J, 3)."""
     moved = smpl_places(world)
-    found: dict[str, float] = {}
+    apart_deg: dict[str, float] = {}
     for name, (one, end) in (_LINES | _LIMBS).items():
         if one in joints and end in joints:
             theirs = places[:, joints[end]] - places[:, joints[one]]
             ours = moved[:, OWN_NAMES.index(end)] - moved[:, OWN_NAMES.index(one)]
-            found[name] = float(np.median(angle_deg(theirs, ours)))
-    most = {name: _TOLD_DEG.get(name.rpartition("_")[2], _LIMB_TOLD_DEG) for name in found}
-    odd = [name for name, angle in found.items() if angle > most[name]]
-    said = ", ".join(f"{name} by {found[name]:.0f} degrees" for name in odd)
-    if any(found[name] > _REFUSED_DEG for name in odd):
+            apart_deg[name] = float(np.median(angle_deg(theirs, ours)))
+    most = {name: _WARN_DEG.get(name.rpartition("_")[2], _LIMB_WARN_DEG) for name in apart_deg}
+    far = [name for name, angle in apart_deg.items() if angle > most[name]]
+    limbs = ", ".join(f"{name} by {apart_deg[name]:.0f} degrees" for name in far)
+    if any(apart_deg[name] > _REFUSED_DEG for name in far):
         remedy = "Export it with a T-pose as rest pose, or say by --joint-map which joint is which."
-        raise unusable(skeleton.path, f"whose joints a body cannot follow: off are {said}", remedy)
-    if odd:
-        notes.append(f"{skeleton.path} is followed with limbs that differ from its own: {said}")
+        raise unusable(skeleton.path, f"whose joints a body cannot follow: off are {limbs}", remedy)
+    if far:
+        notes.append(f"{skeleton.path} is followed with limbs that differ from the file's: {limbs}")

@@ -21,7 +21,7 @@ class MotionSequence:
     """One motion of one subject: frames `start` to `start + length` of the stage's arrays."""
 
     name: str
-    """`<subject>_<motion>`, the data set's own key."""
+    """`<subject>_<motion>`, the data set's key."""
     subject: str
     """Such as `50004`."""
     motion: str
@@ -52,16 +52,16 @@ def is_real_motion(name: str) -> bool:
 def sequences_of(artifact: Artifact) -> list[MotionSequence]:
     """Read the sequence index of an artifact; `DsnetError` if it has none, or one that is none."""
     try:
-        found = [MotionSequence(**entry) for entry in artifact.manifest["sequences"]]
+        sequences = [MotionSequence(**entry) for entry in artifact.manifest["sequences"]]
     except TypeError:
-        found = None
-    if found is None or not all(map(_is_one, found)):
+        sequences = None
+    if sequences is None or not all(map(_is_one, sequences)):
         raise DsnetError(
             f"{artifact.path}, whose manifest has no list of sequences",
             "names, first frames, lengths and rates",
             "Delete the folder and run its stage again.",
         )
-    return found
+    return sequences
 
 
 def _is_one(sequence: MotionSequence) -> bool:

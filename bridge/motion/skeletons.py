@@ -2,7 +2,7 @@
 
 Names are compared without what all joints of a file begin with, without blanks and signs, and
 with their side in front: `mixamorig:LeftUpLeg`, `J_Bip_L_UpperLeg` and `upleg.L` are `lupleg` or
-`lupperleg`. Pelvis, neck and spine have many names and one place: they are found between hips,
+`lupperleg`. Pelvis, neck and spine have many names and one place: they are placed between hips,
 shoulders and head.
 """
 
@@ -74,18 +74,18 @@ class SkeletonMotion:
     tips: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)
     """(3,) by joint that ends somewhere: where, as `rest`."""
     notes: tuple[str, ...] = ()
-    """What was odd about the file."""
+    """Notes about the file, a line each."""
 
     def posed(self, frames: slice | NDArray[np.intp]) -> tuple[NDArray, NDArray]:
         """Rotations (B, J, 3, 3) and places (B, J, 3) of the joints in the file's world."""
         angles = self.angles_rad[frames]
         turns, places = np.empty((*angles.shape[:2], 3, 3)), np.empty(angles.shape)
         for joint, (parent, axes) in enumerate(zip(self.parents, self.axes, strict=True)):
-            own = Rotation.from_euler(axes, angles[:, joint]).as_matrix()
+            turn = Rotation.from_euler(axes, angles[:, joint]).as_matrix()
             if parent < 0:
-                turns[:, joint], places[:, joint] = own, self.root[frames]
+                turns[:, joint], places[:, joint] = turn, self.root[frames]
                 continue
-            turns[:, joint] = turns[:, parent] @ own
+            turns[:, joint] = turns[:, parent] @ turn
             bone = np.broadcast_to(self.rest[joint] - self.rest[parent], (len(angles), 3))
             bone = self.places[joint][frames] if joint in self.places else bone
             moved = np.einsum("txy,ty->tx", turns[:, parent], bone)
@@ -119,41 +119,41 @@ def unusable(path: Path, flaw: str, remedy: str = "") -> DsnetError:
     return DsnetError(f"{path}, {flaw}", "a BVH motion of a person", remedy or usual)
 
 
-def joints_by_name(skeleton: SkeletonMotion, asked: Mapping[str, str]) -> dict[str, int]:
+def joints_by_name(skeleton: SkeletonMotion, joint_map: Mapping[str, str]) -> dict[str, int]:
     """Number of the file's joint for each of SMPL's 22 that it has.
 
-    `asked` are the user's own, the file's name by SMPL's; of what it has, nothing else is taken.
+    `joint_map` is the user's, the file's name by SMPL's: it counts more than what names say.
     """
     calls_of = dict(_OF_THE_MIDDLE)
     for name, calls in _OF_A_SIDE.items():
         for side in SIDES:
             calls_of[f"{side}_{name}"] = tuple(side[0] + call for call in calls)
-    found = {name: _asked(skeleton, name, theirs) for name, theirs in asked.items()}
+    joints = {name: _mapped(skeleton, name, theirs) for name, theirs in joint_map.items()}
     names = reversed([*enumerate(plain_names(skeleton.names))])
-    free = {plain: number for number, plain in names if number not in found.values()}
+    free = {plain: number for number, plain in names if number not in joints.values()}
     for name, calls in calls_of.items():
         call = next((call for call in calls if call in free), None)
-        if name not in found and call is not None:
-            found[name] = free.pop(call)
-    _by_place(skeleton, found)
+        if name not in joints and call is not None:
+            joints[name] = free.pop(call)
+    _by_place(skeleton, joints)
     needed = [
         n for n in OWN_NAMES if n.removeprefix("left_").removeprefix("right_") not in _MAY_LACK
     ]
-    if missing := [name for name in needed if name not in found]:
+    if missing := [name for name in needed if name not in joints]:
         has = ", ".join(skeleton.names)[:200]
         raise unusable(
             skeleton.path,
             f"whose skeleton has no {', '.join(missing)} (it has {has})",
             "Say which they are by --joint-map, or rename them as SMPL or Mixamo do.",
         )
-    return _spine(skeleton, found) | found
+    return _spine(skeleton, joints) | joints
 
 
-def _asked(skeleton: SkeletonMotion, name: str, theirs: str) -> int:
-    for received, known in ((name, OWN_NAMES), (theirs, skeleton.names)):
-        if received not in known:
-            remedy = did_you_mean(received, known, "Correct the joint map.")
-            raise DsnetError(f"a joint map with {received!r}", ", ".join(known)[:300], remedy)
+def _mapped(skeleton: SkeletonMotion, name: str, theirs: str) -> int:
+    for received, names in ((name, OWN_NAMES), (theirs, skeleton.names)):
+        if received not in names:
+            remedy = did_you_mean(received, names, "Correct the joint map.")
+            raise DsnetError(f"a joint map with {received!r}", ", ".join(names)[:300], remedy)
     return skeleton.names.index(theirs)
 
 
@@ -169,21 +169,21 @@ def read_joint_map(path: Path) -> dict[str, str]:
 
     with damage_refused(refused), open_regular(path, _MOST_MAP_BYTES) as file:
         lines = file.read().decode().splitlines()
-        found: dict[str, str] = {}
+        joint_map: dict[str, str] = {}
         for line in lines:
             name, equals, theirs = (part.strip() for part in line.partition("="))
             if name and not name.startswith("#"):
-                if not equals or not theirs or name in found:
+                if not equals or not theirs or name in joint_map:
                     raise ValueError(f"with the line {line[:80]!r}")
-                found[name] = theirs
-        return found
+                joint_map[name] = theirs
+        return joint_map
 
 
 def plain_names(names: tuple[str, ...]) -> list[str]:
     """Each as small letters and digits, its side in front as one letter."""
     left = [name.rpartition(":")[2] for name in names]
     while True:
-        begins = Counter(found[0] for name in left if (found := re.match(r"[^_. -]+[_. -]+", name)))
+        begins = Counter(match[0] for name in left if (match := re.match(r"[^_. -]+[_. -]+", name)))
         prefix, count = begins.most_common(1)[0] if begins else ("", 0)
         if count < max(_SHARED * len(left), 2):
             return [_plain(name) for name in left]
@@ -197,8 +197,8 @@ def _plain(name: str) -> str:
     return re.sub(r"^(l|r)(eft|ight)", r"\1", re.sub(r"[^a-z0-9]", "", name.lower()))
 
 
-def _by_place(skeleton: SkeletonMotion, found: dict[str, int]) -> None:
-    """Pelvis and neck where no name tells: above both hips, and below the head."""
+def _by_place(skeleton: SkeletonMotion, joints: dict[str, int]) -> None:
+    """Pelvis and neck where no name says: above both hips, and below the head."""
 
     def line(joint: int) -> list[int]:
         parent = skeleton.parents[joint]
@@ -206,28 +206,28 @@ def _by_place(skeleton: SkeletonMotion, found: dict[str, int]) -> None:
 
     def parting(name: str) -> list[int]:
         """From the root to where the two sides part."""
-        lines = [line(found[f"{side}_{name}"]) for side in SIDES]
+        lines = [line(joints[f"{side}_{name}"]) for side in SIDES]
         return [one for one, other in zip(*lines, strict=False) if one == other]
 
-    if "pelvis" not in found and {"left_hip", "right_hip"} <= found.keys():
-        above = [joint for joint in parting("hip") if joint not in found.values()]
-        found |= {"pelvis": above[-1]} if above else {}
-    if "neck" not in found and {"head", "left_shoulder", "right_shoulder"} <= found.keys():
+    if "pelvis" not in joints and {"left_hip", "right_hip"} <= joints.keys():
+        above = [joint for joint in parting("hip") if joint not in joints.values()]
+        joints |= {"pelvis": above[-1]} if above else {}
+    if "neck" not in joints and {"head", "left_shoulder", "right_shoulder"} <= joints.keys():
         below = set(parting("shoulder"))
-        neck = [joint for joint in line(found["head"])[:-1] if joint not in below]
-        found |= {"neck": neck[0]} if neck else {}
+        neck = [joint for joint in line(joints["head"])[:-1] if joint not in below]
+        joints |= {"neck": neck[0]} if neck else {}
 
 
-def _spine(skeleton: SkeletonMotion, found: Mapping[str, int]) -> dict[str, int]:
+def _spine(skeleton: SkeletonMotion, joints: Mapping[str, int]) -> dict[str, int]:
     """Of the joints between pelvis and neck the lowest, the middle and the highest."""
-    joint = skeleton.parents[found.get("neck", found.get("head", found["left_shoulder"]))]
+    joint = skeleton.parents[joints.get("neck", joints.get("head", joints["left_shoulder"]))]
     between: list[int] = []
-    while joint >= 0 and joint != found["pelvis"]:
+    while joint >= 0 and joint != joints["pelvis"]:
         between.insert(0, joint)
         joint = skeleton.parents[joint]
-    between = [joint for joint in between if joint not in found.values()]
+    between = [joint for joint in between if joint not in joints.values()]
     if len(between) > len(_SPINE):  # a first one in the pelvis is its second frame
-        lowest, pelvis = skeleton.rest[between[0]], skeleton.rest[found["pelvis"]]
+        lowest, pelvis = skeleton.rest[between[0]], skeleton.rest[joints["pelvis"]]
         between = between[1:] if np.allclose(lowest, pelvis) else between
     if not between:
         return {}

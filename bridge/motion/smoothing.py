@@ -1,7 +1,7 @@
 """A recording without its tremor: what changes faster than people move is mostly noise.
 
-Tissue feels accelerations, in which noise grows with the square of its frequency, and swings at 5
-to 15 Hz of its own. Biomechanics filters recordings of markers at 6 to 12 Hz for the same reason
+Accelerations drive tissue; in them noise grows with the square of its frequency, and tissue swings
+at 5 to 15 Hz. Biomechanics filters recordings of markers at 6 to 12 Hz for the same reason
 (Winter, *Biomechanics and Motor Control of Human Movement*): by a Butterworth filter of second
 order, once forwards and once backwards, so that nothing is late.
 
@@ -24,15 +24,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
-from bridge.motion.cuts import is_cut, pieces_between_cuts
-from bridge.motion.motion import Motion, SmoothHz, pack_theta, unpack_theta
+from bridge.motion.cuts import is_cut
+from bridge.motion.motion import Motion, SmoothHz
+from bridge.motion.theta import pack_theta, unpack_theta
 
 LEAST_HZ = 0.1
 """Slower, nothing of a motion is left, and a filter's numbers fall below what floats can hold."""
 _PADDED_FRAMES = 9
 _BANK_HZ = (4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24)
 _TRUNK = (0, 1, 2, 3, 6, 9)
-"""Pelvis, hips and spine, on which most of the flesh hangs."""
+"""Pelvis, hips and spine, which carry most of the flesh."""
 _LEVER_M = 0.2
 """How far from these joints it is: what a turn amounts to."""
 _WINDOW_S, _HOP_S = 1.0, 0.25
@@ -41,10 +42,10 @@ _SMOOTHED_HZ = 1.5
 """Half of the width over which a spectrum is averaged before its valley is sought."""
 _CUTOFF_OF_VALLEY = 1.4
 """At its cutoff a filter has halved what it is given, at the valley motion is still all there is.
-Chosen on training motions of the own law (docs/prediction.md)."""
+Chosen on training motions of this project's law (docs/prediction.md)."""
 _FEWEST_FRAMES = 16
 _STREAM_S, _STREAM_FRAMES = 0.7, 120
-"""Of a stream's window, and the most frames of it: more of them tell little and cost much."""
+"""Of a stream's window, and the most frames of it: more of them add little and cost much."""
 _STREAM_SHARE = 0.45
 """Of a rate, cutoffs are below it."""
 _TRUNK_VALUES = [*(4 * joint + n for joint in _TRUNK for n in range(4)), -3, -2, -1]
@@ -68,7 +69,7 @@ def smoothed(motion: Motion, smooth_hz: SmoothHz) -> Motion:
             "Pass auto, or 6 to 12.",
         )
     pose, trans_m = motion.all_joints, motion.trans_m.copy()
-    for piece in pieces_between_cuts(motion.theta):
+    for piece in motion.pieces:
         if smooth_hz == "auto":
             cutoff_hz = noise_cutoff_hz(pose[piece], trans_m[piece], motion.fps)
         else:
@@ -166,10 +167,10 @@ class StreamSmoother:
         recent = np.exp(-np.arange(len(rows))[::-1] / (_RECENT_S * self._fps))
         error_m2 = (missed_m**2).sum(axis=-1) @ recent / recent.sum() + _NO_ERROR_M2
         shares = (error_m2 / error_m2.min()) ** (-_SURE * min(len(rows), _RECENT_S * self._fps))
-        found = newest + shares / shares.sum() @ curves[:, at - rows[0]] @ window
-        pose = Rotation.from_quat(found[:-3].reshape(-1, 4)).as_rotvec()
+        smooth = newest + shares / shares.sum() @ curves[:, at - rows[0]] @ window
+        pose = Rotation.from_quat(smooth[:-3].reshape(-1, 4)).as_rotvec()
         both = np.stack([unpack_theta(poses[at])[0], pose])
-        return pack_theta(continuous_rotations(both)[1], found[-3:])
+        return pack_theta(continuous_rotations(both)[1], smooth[-3:])
 
 
 @lru_cache(maxsize=256)
@@ -208,13 +209,13 @@ def _calmed(
     most_hz = no_noise_hz(fps)
     bank_hz = [*(hz for hz in _BANK_HZ if hz < most_hz), most_hz]
     place = np.interp(np.log(cutoff_hz), np.log(bank_hz), np.arange(len(bank_hz)))
-    found = np.zeros_like(values)
+    mixed = np.zeros_like(values)
     for number, hz in enumerate(bank_hz):
         share = np.clip(1 - np.abs(place - number), 0, 1)
         if share.any():
             passed = values if hz == most_hz else _low_passed(values, hz, fps)
-            found += share.reshape(-1, *[1] * (values.ndim - 1)) * passed
-    return found
+            mixed += share.reshape(-1, *[1] * (values.ndim - 1)) * passed
+    return mixed
 
 
 def _low_passed(values: NDArray[np.floating], hz: float, fps: float) -> NDArray[np.floating]:

@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
-from bridge.motion import Motion, load_motion_file
+from bridge.motion import Motion
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
 from bridge.tissue.oscillators import node_loads
 from bridge.tissue.trained_plus import TrainedPlus
-from dsnet.markers.bone_pose import bony_motion
-from dsnet.markers.marker_files import pose_file, read_markers
+from dsnet.markers.bone_pose import bone_motion
+from dsnet.markers.marker_files import load_recording, markers_of
 from dsnet.markers.registration import SPOTS, Registered, register
 from dsnet.markers.segments import SEGMENTS, Cloud, Frame, Pose, faster, segment_frames
 from dsnet.markers.skin import at_spots
 from dsnet.prediction.controls import root_joint_m
 from dsnet.prediction.models import PlusModel, codes_of
-from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shape_space import with_betas_on
 
 LEAST_S, MOST_S = 2.0, 8.0
 """Of a motion: less shows no swing, more says the same again."""
@@ -83,8 +83,8 @@ def read_take(path: Path, body: BodyModelData) -> Take:
     `DsnetError` if it has no markers, none on the bone of the chest, or none on soft places, or
     says a rate at which nobody falls.
     """
-    motion = with_own_shape(load_motion_file(pose_file(path)), body, told=False)
-    markers = read_markers(path, motion.source_fps, motion.duration_s)
+    motion = with_betas_on(load_recording(path), body, warn=False)
+    markers = markers_of(motion)
     motion = motion.about_root_joint(root_joint_m(body, motion.betas))
     registered = register(body, motion, markers)
     if not any(spot.flesh and label in registered.vertices for label, spot in SPOTS.items()):
@@ -111,7 +111,7 @@ def read_take(path: Path, body: BodyModelData) -> Take:
         {label: seen[frames] for label, seen in registered.cloud.seen.items()},
     )
     motion = replace(motion.frames(frames), theta=np.asarray(motion.theta[frames], np.float64))
-    bony = bony_motion(body, motion, cloud)
+    bony = bone_motion(body, motion, cloud)
     return Take(body, motion, bony, replace(registered, cloud=cloud))
 
 
@@ -146,7 +146,7 @@ def evidence(take: Take, model: PlusModel) -> tuple[Take, Clip]:
         if label in on_bone:
             points_m[label] = points_m[label] - flesh_m[:, column]
     bare_cloud = Cloud(points_m, take.registered.cloud.seen)
-    motion = bony_motion(body, take.filed, bare_cloud)
+    motion = bone_motion(body, take.filed, bare_cloud)
     found = replace(take, motion=motion)
     return found, Clip(
         driving_load(trained, body, motion), _series(found, bare_cloud, reading), motion.fps

@@ -18,8 +18,7 @@ from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
 from bridge.body.posing import joint_rotations, shaped_joints
 from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, pack_theta, unpack_theta
-from bridge.motion.cuts import pieces_between_cuts
-from dsnet.markers.marker_files import marker_file, read_markers
+from dsnet.markers.marker_files import markers_of
 from dsnet.markers.registration import register
 from dsnet.markers.segments import CUT_HZ, SEGMENTS, Cloud, Pose, faster, segment_frames
 
@@ -31,7 +30,7 @@ _ON_THE_CHEST = ("neck", "left_collar", "right_collar")
 
 def flesh_in_pose(motion: Motion) -> list[str]:
     """A line to warn of a file's pose that was fitted to flesh; none if it was not."""
-    if marker_file(motion.source):
+    if motion.markers is not None:
         by, remedy = "markers on skin", "--pose bony of predict, export and view takes it out"
     elif motion.dmpls is not None and motion.dmpls.any():
         by, remedy = "skin with dmpls", "without its markers it stays there"
@@ -43,7 +42,7 @@ def flesh_in_pose(motion: Motion) -> list[str]:
     ]
 
 
-def bony_pose(body: BodyModelData, motion: Motion) -> Motion:
+def bone_pose_of(body: BodyModelData, motion: Motion) -> Motion:
     """A file's motion whose chest follows the file's markers on bone; says on stderr what that
     took out.
 
@@ -53,33 +52,30 @@ def bony_pose(body: BodyModelData, motion: Motion) -> Motion:
     ----------
     motion : as its file has it, y up.
     """
-    path = marker_file(motion.source)
-    if path is None:
+    if motion.markers is None:
         dmpls = motion.dmpls is not None and bool(motion.dmpls.any())
         raise DsnetError(
             f"--pose bony with {motion.source}, which has {'dmpls but ' * dmpls}no markers",
             "markers in it (marker_data), or a .c3d of the same name beside it"
-            + ": what dmpls moved bones by cannot be told without DMPL's body" * dmpls,
+            + ": what dmpls moved bones by is unknown without DMPL's body" * dmpls,
             "Pass AMASS's SMPL-H file, or leave --pose out.",
         )
-    own = motion.about_root_joint(shaped_joints(body, motion.betas[None])[0, 0])
-    markers = read_markers(path, motion.source_fps, motion.duration_s)
-    cloud = register(body, own, markers).cloud
-    bony = bony_motion(body, own, cloud)
+    placed = motion.about_root_joint(shaped_joints(body, motion.betas[None])[0, 0])
+    cloud = register(body, placed, markers_of(motion)).cloud
+    on_bone = bone_motion(body, placed, cloud)
     chest = SMPL_JOINT_NAMES.index("spine3")
-    was, now = (Pose.of(body, one).bones[:, chest, :3, 3] for one in (own, bony))
+    was, now = (Pose.of(body, one).bones[:, chest, :3, 3] for one in (placed, on_bone))
     bob_mm = 1e3 * np.ptp(faster(now - was, motion.fps)[:, 1])
     notify(
         f"--pose bony: the chest of {motion.source} follows its markers on bone, which takes "
         f"{bob_mm:.0f} mm of up and down above {CUT_HZ} Hz (peak to peak) out of its pose"
     )
     # Back to the file's root, of a body whose root joint rests at 0.
-    return replace(
-        motion, theta=pack_theta(bony.pose, bony.trans_m - (own.trans_m - motion.trans_m)[:1])
-    )
+    root_m = (placed.trans_m - motion.trans_m)[:1]
+    return replace(motion, theta=pack_theta(on_bone.pose, on_bone.trans_m - root_m))
 
 
-def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud) -> Motion:
+def bone_motion(body: BodyModelData, motion: Motion, cloud: Cloud) -> Motion:
     """The motion whose chest is where markers on its bone are.
 
     `DsnetError` if fewer than three markers on the bone of the chest were seen, or if the
@@ -89,9 +85,9 @@ def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud) -> Motion:
     ----------
     cloud : markers, in the body's world.
     """
-    if len(pieces := pieces_between_cuts(motion.theta)) > 1:
+    if motion.cuts:
         raise DsnetError(
-            f"{motion.source}, which jumps at {pieces[1].start / motion.fps:.2f} s",
+            f"{motion.source}, which jumps at {motion.cuts[0] / motion.fps:.2f} s",
             "a motion without cuts, over which its markers are smoothed",
             "Divide the file there, or use the pose of the file.",
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
-from bridge.motion.motion import Y_UP_FROM_Z_UP
+from bridge.motion import Motion, load_motion
+from bridge.motion.markers import MarkerFile, marker_file_refused, refused
+from bridge.motion.motion import AS_IT_SAYS, Y_UP_FROM_Z_UP, HowRead
 from bridge.motion.readers import format_of
 from bridge.motion.readers.amass import motion_path
+from bridge.motion.readers.c3d import POSE_ENDINGS, c3d_beside, is_c3d, read_c3d
+from bridge.motion.readers.markers import markers_beside_poses
 from bridge.paper import N_VERTICES
-from bridge.runs.untrusted import file_refused
+from bridge.runs.untrusted import open_npz
 from dsnet.markers.segments import SEEN_ENOUGH, SEGMENTS, Cloud, bridged
-from dsnet.markers.stored import npz_has_markers, read_c3d, read_mosh, read_npz, refused
 
-_REMEDY = "Pass a file with skin markers."
-_POSES = (".npz", "_poses.npz", "_stageii.npz", "_stageii.pkl")
 _SAME_LENGTH_S = 0.03
 """A motion at 60 fps is shorter than its file by less than that."""
 _PERSON_M = (0.8, 3.5)
@@ -79,20 +80,31 @@ class Markers:
         return Cloud(points, seen)
 
 
-def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Markers:
-    """The markers of an AMASS `.npz`, of a MoSh++ `*_stageii.pkl` or of a C3D, checked.
+def load_recording(
+    path: Path, source_fps: float | None = None, how: HowRead = AS_IT_SAYS
+) -> Motion:
+    """The motion whose pose was fitted to a file's markers, with those markers: of an AMASS `.npz`,
+    a MoSh++ `*_stageii.pkl`, or a C3D with the pose beside it; parameters are `load_motion`'s."""
+    motion = load_motion(pose_file(path), source_fps, how=how)
+    return replace(motion, markers=MarkerFile(path, read_c3d)) if is_c3d(path) else motion
 
-    `DsnetError` if the file is damaged, or holds no markers with names, of one person's size.
 
-    Parameters
-    ----------
-    fps, duration_s : of the pose. Markers that last as long at its rate have it, whatever their
-        own file says.
+def markers_of(motion: Motion) -> Markers:
+    """The markers of a motion, checked; at its rate, where they last as long, whatever their
+    file says.
+
+    `DsnetError` if it has none, their file is damaged, or they have no names or are not of one
+    person's size.
     """
-    with file_refused(path, _not_loaded, _REMEDY):
-        read = read_c3d if _is_c3d(path) else read_mosh if format_of(path) == "moshpp" else read_npz
-        stored = read(motion_path(path))
-        data = np.array(stored.points, np.float64) if stored.points.dtype.kind in "iuf" else None
+    if motion.markers is None:
+        raise refused(
+            motion.source,
+            "a file without 'marker_data' and 'marker_labels'",
+            "markers (T, N, 3) and their names (N,), or a .c3d of the same name beside it",
+            "AMASS's SMPL-H release has them; the SMPL-X release does not",
+        )
+    path, stored = motion.markers.path, motion.markers.stored
+    data = np.array(stored.points, np.float64) if stored.points.dtype.kind in "iuf" else None
     if data is None or data.shape != (len(data), len(stored.labels), 3) or not stored.labels:
         raise refused(
             path,
@@ -107,14 +119,13 @@ def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Mar
     data, note = _in_metres(path, data, stored.per_m)
     up = Y_UP_FROM_Z_UP if stored.upright else _upright(data, names)
     upright = up.apply(data.reshape(-1, 3)).reshape(data.shape)
-    own_fps = stored.fps or fps
-    if duration_s is not None and abs((len(data) - 1) / fps - duration_s) < _SAME_LENGTH_S:
-        own_fps = fps
+    fps = motion.source_fps
+    is_as_long = abs((len(data) - 1) / fps - motion.duration_s) < _SAME_LENGTH_S
     vertices = {whose[label]: v for label, v in stored.vertices.items() if label in whose}
     return Markers(
         upright,
         names,
-        own_fps,
+        fps if is_as_long else stored.fps or fps,
         note,
         {name: v for name, v in vertices.items() if type(v) is int and 0 <= v < N_VERTICES},
     )
@@ -122,40 +133,31 @@ def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Mar
 
 def pose_file(path: Path) -> Path:
     """The file of the pose that was fitted to a file's markers: itself, or beside a C3D."""
-    if not _is_c3d(path):
+    if not is_c3d(path):
         return motion_path(path)
-    there = [path.with_name(path.stem + ending) for ending in _POSES]
-    found = next((pose for pose in there if pose.is_file()), None)
-    if found is None:
+    there = [path.with_name(path.stem + ending) for ending in POSE_ENDINGS]
+    pose = next((pose for pose in there if pose.is_file()), None)
+    if pose is None:
         raise DsnetError(
             f"{path}, markers without a pose",
             f"{there[0].name} (or {', '.join(pose.name for pose in there[1:])}) beside it",
             "Put the AMASS or MoSh++ file of the same take there, under that name.",
         )
-    return found
+    return pose
 
 
 def marker_file(path: Path) -> Path | None:
     """The file of the markers that a motion file's pose was fitted to, if there is one."""
-    path = motion_path(path)
     if not path.is_file():
         return None
-    with file_refused(path, _not_loaded, _REMEDY):
-        is_npz = path.suffix == ".npz" and npz_has_markers(path)
-        if is_npz or _is_c3d(path) or format_of(path) == "moshpp":
+    with marker_file_refused(path):
+        if is_c3d(path) or format_of(path) == "moshpp":
             return path
+        if path.suffix == ".npz":
+            with open_npz(path) as archive:
+                markers = markers_beside_poses(archive, path)
+            return markers and markers.path
     return c3d_beside(path)
-
-
-def c3d_beside(path: Path) -> Path | None:
-    """The recording that lies beside a file of poses under its name, if one does."""
-    stems = (path.name.removesuffix(ending) for ending in _POSES if path.name.endswith(ending))
-    beside = (path.with_name(f"{stem}.c3d") for stem in stems)
-    return next((one for one in beside if one.is_file()), None)
-
-
-def _is_c3d(path: Path) -> bool:
-    return path.suffix.lower() == ".c3d"
 
 
 def _names(path: Path, labels: list[str]) -> tuple[dict[str, str], tuple[str, ...]]:
@@ -169,9 +171,9 @@ def _names(path: Path, labels: list[str]) -> tuple[dict[str, str], tuple[str, ..
         )
     plain = [label.rpartition(":")[2].strip().upper().replace("_", "") for label in labels]
     names = tuple(_SAME_PLACE.get(name, name) for name in plain)
-    known = {label for segment in SEGMENTS.values() for label in segment.labels}
+    usual = {label for segment in SEGMENTS.values() for label in segment.labels}
     named = zip(labels, names, strict=True)
-    people = Counter(label.rpartition(":")[0] for label, name in named if name in known)
+    people = Counter(label.rpartition(":")[0] for label, name in named if name in usual)
     crowd = [name or "somebody else" for name, count in people.items() if count >= 4]
     if len(crowd) > 1:
         raise refused(path, f"markers of {' and '.join(crowd[:3])}", "those of one person")
@@ -198,8 +200,8 @@ def _in_metres(path: Path, data: NDArray, per_m: float | None) -> tuple[NDArray[
     units = {"metres": 1.0, "millimetres": 1e3, "centimetres": 1e2}
     for unit, each in units.items() if per_m is None else [("", per_m)]:
         if _PERSON_M[0] <= extent / each <= _PERSON_M[1]:
-            told = each == 1 or per_m is not None
-            return data / each, "" if told else f"its markers are in {unit}: converted"
+            stated = each == 1 or per_m is not None
+            return data / each, "" if stated else f"its markers are in {unit}: converted"
     raise refused(path, f"markers {extent:.3g} apart", "those of a person, in metres")
 
 
@@ -218,7 +220,3 @@ def _resampled(points: NDArray, fps: float, to_fps: float, count: int) -> NDArra
         points = np.asarray(sosfiltfilt(low, points, axis=0, padlen=padded), np.float64)
     at_s = np.minimum(np.arange(count) / to_fps, (len(points) - 1) / fps)
     return np.asarray(CubicSpline(np.arange(len(points)) / fps, points)(at_s), np.float64)
-
-
-def _not_loaded(path: Path, flaw: str, remedy: str) -> DsnetError:
-    return DsnetError(f"{path}, {flaw}", "markers", remedy)

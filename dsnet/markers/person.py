@@ -54,10 +54,10 @@ def fit_person(body: BodyModelData, motion: Motion, markers: Markers) -> FittedP
     """
     count, shapes = len(motion.theta), body.shapedirs.shape[-1]
     some = np.linspace(0, count - 1, min(count, _FRAMES)).astype(int)
-    found = np.zeros(shapes + 3)  # betas, and a shift
-    cloud = register(body, _performed(body, motion, found[:-3]), markers, to_measure=False).cloud
+    params = np.zeros(shapes + 3)  # betas, and a shift
+    cloud = register(body, _performed(body, motion, params[:-3]), markers, to_measure=False).cloud
     points = {label: points_m[some] for label, points_m in cloud.points_m.items()}
-    few, whole, off_mm = replace(motion, theta=motion.theta[some]), Smpl(body, dtype=np.float64), []
+    few, whole, off_mm = motion.frames(some), Smpl(body, dtype=np.float64), []
 
     def places_m(smpl: Smpl, betas_and_shift: NDArray) -> NDArray[np.float64]:
         """(T, N, 3)."""
@@ -66,30 +66,30 @@ def fit_person(body: BodyModelData, motion: Motion, markers: Markers) -> FittedP
         return np.asarray(smpl.person(betas).pose(pose, trans + shift), np.float64)
 
     for turn in range(_ROUNDS + 1):
-        skin = places_m(whole, found)
+        skin = places_m(whole, params)
         vertices, away_mm = nearest_vertices(body, skin, points, {})
         off_mm.append(float(np.median(list(away_mm.values()))))
         if turn == _ROUNDS:
             break
         rows = np.array(list(vertices.values()))
         smpl, here = Smpl(body, rows, np.float64), skin[:, rows]
-        steps = found + _STEP * np.eye(len(found))
+        steps = params + _STEP * np.eye(len(params))
         moves = np.stack([(places_m(smpl, step) - here) / _STEP for step in steps])
         out = np.stack([vertex_normals(frame, body.faces)[rows] for frame in skin])
         apart = np.stack([points[label] for label in vertices], axis=1) - here - _STANDOFF_M * out
         seen = np.stack([cloud.seen[label][some] for label in vertices], axis=1)
-        prior = (np.arange(len(found)) < shapes).astype(float)
-        found = found + _newton_step(moves, apart, out, seen, prior, found)
-    return FittedPerson(found[:-3], off_mm[0], off_mm[-1])
+        prior = (np.arange(len(params)) < shapes).astype(float)
+        params = params + _newton_step(moves, apart, out, seen, prior, params)
+    return FittedPerson(params[:-3], off_mm[0], off_mm[-1])
 
 
 def _newton_step(
-    moves: NDArray, apart: NDArray, out: NDArray, seen: NDArray, prior: NDArray, found: NDArray
+    moves: NDArray, apart: NDArray, out: NDArray, seen: NDArray, prior: NDArray, params: NDArray
 ) -> NDArray[np.float64]:
     """One step of Gauss and Newton: (P,) from moves (P, T, N, 3) of each parameter towards markers
     that lie apart (T, N, 3), where the skin's normals are out (T, N, 3).
 
-    Parameters that are found (P,) are drawn to 0 where their prior (P,) is 1, not 0.
+    Parameters (P,) are drawn to 0 where their prior (P,) is 1, not 0.
     """
     # Where along the skin a marker is stuck nobody says; hair and shoes are no skin.
     sizes_m = np.linalg.norm(apart, axis=-1).mean(0)
@@ -99,10 +99,10 @@ def _newton_step(
     wanted = np.concatenate([across.ravel(), apart.ravel()])
     count = len(moves)
     system = np.hstack([moves_across.reshape(count, -1), moves.reshape(count, -1)]).T
-    right = system.T @ (weights * wanted) - prior * found
+    right = system.T @ (weights * wanted) - prior * params
     return np.linalg.solve(system.T @ (weights[:, None] * system) + np.diag(prior), right)
 
 
 def _performed(body: BodyModelData, motion: Motion, betas: NDArray) -> Motion:
-    own = replace(motion, betas=betas)
-    return own.about_root_joint(shaped_joints(body, betas[None])[0, 0])
+    shaped = replace(motion, betas=betas)
+    return shaped.about_root_joint(shaped_joints(body, betas[None])[0, 0])

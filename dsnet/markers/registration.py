@@ -37,14 +37,14 @@ on another body model, and markers stand 9.5 mm off the skin."""
 
 @dataclass(frozen=True)
 class Spot:
-    """A soft (or bony) place that has a marker."""
+    """A place that has a marker, soft or on bone."""
 
     region: str
     segment: str
     parts: tuple[str, ...]
     """Parts of the body among whose vertices it lies."""
     flesh: str
-    """Which of `SOFT` it tells of, if any."""
+    """Which of `SOFT` it measures, if any."""
 
 
 def _spots() -> Iterator[tuple[str, Spot]]:
@@ -68,7 +68,7 @@ def _spots() -> Iterator[tuple[str, Spot]]:
 
 SPOTS = dict(_spots())
 SOFT = tuple(dict.fromkeys(spot.flesh for spot in SPOTS.values() if spot.flesh))
-"""Parts of the body whose flesh markers tell of."""
+"""Parts of the body whose flesh has markers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,7 @@ def register(
             notify(f"{motion.source}: markers left out: {'; '.join(lost)}")
         _refuse_other_moment(motion, cloud, near)
     vertices, distance = (
-        {label: found[label] for label in cloud.seen} for found in (vertices, distance)
+        {label: each[label] for label in cloud.seen} for each in (vertices, distance)
     )
     return Registered(cloud, vertices, distance)
 
@@ -219,11 +219,11 @@ def _yaw_and_shift(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """From where the markers are, or from the best of 16 turns where that ends nearer."""
     trees = [KDTree(frame) for frame in skin]
-    few, found = (points[::4], skin[::4], trees[::4]), []
+    few, fits = (points[::4], skin[::4], trees[::4]), []
     for turn in Rotation.from_rotvec(np.pi / 8 * np.outer(np.arange(16), [0, 1, 0])).as_matrix():
         shift = np.median(skin, axis=(0, 1)) - np.median(points @ turn.T, axis=(0, 1))
-        found.append(_closest(*few, turn, shift))
-    _, turn, shift = min(found, key=lambda one: one[0])
+        fits.append(_closest(*few, turn, shift))
+    _, turn, shift = min(fits, key=lambda one: one[0])
     turned = _closest(points, skin, trees, turn, shift, rounds=50)
     as_is = _closest(points, skin, trees, np.eye(3), np.zeros(3))
     return (turned if turned[0] < _NEARER * as_is[0] else as_is)[1:]

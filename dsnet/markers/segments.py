@@ -1,5 +1,5 @@
-"""Frames of body segments from markers on bone, so that what flesh does can be told from what
-the skeleton does.
+"""Frames of body segments from markers on bone, which separate what flesh does from what the
+skeleton does.
 
 A marker's motion is its place in its segment's frame, whose axes are those of the rest pose (x to
 the left, y up, z to the front). Rigid segments are fitted to three markers or more (Kabsch); a limb
@@ -132,7 +132,7 @@ def segment_frames(
     """
     frames: dict[str, Frame] = {}
     for name, segment in SEGMENTS.items():
-        found = [
+        labels = [
             label
             for label in segment.labels
             if label in cloud.points_m and cloud.seen[label].mean() > SEEN_ENOUGH
@@ -140,13 +140,13 @@ def segment_frames(
         joint = SMPL_JOINT_NAMES.index(segment.bone)
         bone = pose.turns[:, joint]
         if len(segment.labels) > 2:
-            if len(found) > 2:
+            if len(labels) > 2:
                 weights = None if like is None else like[name].weights
-                frames[name] = _rigid_frame(cloud, found, bone, weights)
+                frames[name] = _rigid_frame(cloud, labels, bone, weights)
             continue
-        ends = [cloud.points_m[label] for label in found]
-        good = np.logical_and.reduce([cloud.seen[label] for label in found])
-        if "hip" in segment.labels and found and (pelvis := frames.get("pelvis")):
+        ends = [cloud.points_m[label] for label in labels]
+        good = np.logical_and.reduce([cloud.seen[label] for label in labels])
+        if "hip" in segment.labels and labels and (pelvis := frames.get("pelvis")):
             ends = [_carried(pelvis, pose.joints_m[:, joint]), *ends]
             good = pelvis.good & good
         if len(ends) == 2 and good.any():

@@ -38,15 +38,15 @@ def animate(
     Raises
     ------
     DsnetError
-        If the motion, the model or what is asked for does not exist or does not go together.
+        If the motion, the model or something requested does not exist or does not go together.
     """
-    asked = Controls.of(controls)
+    options = Controls.of(controls)
     if isinstance(motion, Motion):
-        trained = asked.model(model, predictor, motion)
+        trained = options.model(model, predictor, motion)
     else:
-        asked.check()
-        trained, motion = asked.load(model, predictor, Path(motion))
-    return controlled_body(trained, motion, asked)
+        options.check()
+        trained, motion = options.load(model, predictor, Path(motion))
+    return controlled_body(trained, motion, options)
 
 
 def predict(
@@ -77,8 +77,8 @@ def predict(
     DsnetError
         As for `animate`; if `out` holds anything else; if some file of a folder was refused.
     """
-    motion, out, asked = Path(motion), Path(out), Controls.of(controls)
+    motion, out, options = Path(motion), Path(out), Controls.of(controls)
     words, of_many = what_to_write(write, motion), motion.is_dir()
     run = predict_folder if of_many else predict_motion
-    run(model, motion, out, predictor=predictor, controls=asked, write=words)
+    run(model, motion, out, predictor=predictor, controls=options, write=words)
     return out

@@ -1,4 +1,4 @@
-"""What an animator may ask of a moving body, as the options of every command that moves one.
+"""The options of a moving body: those of every command that moves one.
 
 A command's configuration inherits `Controls`, and `controlled_body` makes of them what prediction,
 export and the viewer iterate over.
@@ -19,18 +19,17 @@ from bridge.body.model_data import GENDERS, SMPL_JOINT_NAMES
 from bridge.body.parts import GROUPS, PARTS, part_weights
 from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.errors import DsnetError, notify, unknown_name
-from bridge.motion import Motion, load_motion_file, pack_theta
-from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion import Motion, load_motion
 from bridge.motion.motion import HowRead
 from bridge.motion.skeletons import read_joint_map
 from bridge.options import Bounds, check_options, numbers_by_name
 from bridge.paper import FPS, N_BETAS
-from dsnet.markers.bone_pose import bony_pose
-from dsnet.prediction.load_model import Source, TrainedModel, body_asked, load_model
+from dsnet.markers.bone_pose import bone_pose_of
+from dsnet.prediction.load_model import Source, TrainedModel, load_model, requested_body
 from dsnet.prediction.loops import REMEDY, Lap, close_lap
 from dsnet.prediction.motion_options import MotionOptions
 from dsnet.prediction.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
-from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shape_space import with_betas_on
 from dsnet.prediction.shapes import find_shape, parse_shape
 
 Floor = Literal["keep", "shift", "scale"]
@@ -97,10 +96,10 @@ class Controls(MotionOptions):
         return [word for text in self.shape for word in text.replace(",", " ").split()]
 
     def given(self) -> dict[str, Any]:
-        """Those that are not left at their default, by name; the body is said elsewhere."""
-        own = {field.name: field.default for field in fields(Controls) if field.name != "body"}
-        given = {n: getattr(self, n) for n, default in own.items() if getattr(self, n) != default}
-        return {n: str(said) if isinstance(said, Path) else said for n, said in given.items()}
+        """Those that are not left at their default, by name; the body is recorded beside them."""
+        defaults = {field.name: field.default for field in fields(Controls) if field.name != "body"}
+        given = {n: getattr(self, n) for n in defaults if getattr(self, n) != defaults[n]}
+        return {n: str(value) if isinstance(value, Path) else value for n, value in given.items()}
 
     def load(
         self,
@@ -109,16 +108,16 @@ class Controls(MotionOptions):
         path: Path,
         load: Callable[..., TrainedModel] = load_model,
     ) -> tuple[TrainedModel, Motion]:
-        """A predictor on the body that is asked for, and the motion of a file as it has it.
+        """A predictor on the requested body, and the motion of a file as it has it.
 
         A run that cannot predict is refused before the file is read. Who has many motions passes a
         `load` that remembers.
         """
         trained = None
-        if source is not None and not body_asked(self.body):
+        if source is not None and not requested_body(self.body):
             trained = self.model(source, predictor, load=load)
         how = self.how_read()
-        motion = load_motion_file(path, self.motion_fps, smooth_hz=self.smooth_hz, how=how)
+        motion = load_motion(path, self.motion_fps, smooth_hz=self.smooth_hz, how=how)
         return trained or self.model(source, predictor, motion, load), motion
 
     def model(
@@ -128,29 +127,30 @@ class Controls(MotionOptions):
         motion: Motion | None = None,
         load: Callable[..., TrainedModel] = load_model,
     ) -> TrainedModel:
-        """A predictor on the body that is asked for, else on one that suits a motion; the package's
-        where no source is given. DsnetError if the body is of another gender than was asked for.
+        """A predictor on the requested body, else on one that suits a motion; the package's
+        where no source is given. DsnetError if the body is of another gender than requested.
         """
         gender, kind, more_betas = "unknown", None, 0
         if motion is not None:
             gender, kind, more_betas = motion.gender, motion.kind, len(motion.more_betas)
-        body = body_asked(self.body)
-        found = load(source, predictor, self.gender or gender, body, kind, more_betas)
-        self.check_model(found)
-        return found
+        body = requested_body(self.body)
+        trained = load(source, predictor, self.gender or gender, body, kind, more_betas)
+        self.check_model(trained)
+        return trained
 
-    def check_model(self, found: TrainedModel) -> None:
-        """Refuse a predictor on another body than is asked for."""
-        if self.body is not None and str(self.body) != found.body_model:
+    def check_model(self, trained: TrainedModel) -> None:
+        """Refuse a predictor on another body than requested."""
+        if self.body is not None and str(self.body) != trained.body_model:
             raise DsnetError(
-                f"body={str(self.body)!r} with {found.name} on {found.body_model}",
+                f"body={str(self.body)!r} with {trained.name} on {trained.body_model}",
                 "a predictor on that body",
                 "Load both by Controls.load, or load_model(run, body=...).",
             )
-        if self.gender and self.gender != found.body.gender and found.body.gender in GENDERS:
+        if self.gender and self.gender != trained.body.gender and trained.body.gender in GENDERS:
             raise DsnetError(
-                f"--gender {self.gender} with {found.body.name} for {found.name} of {found.owner}",
-                f"a {found.body.gender} body's",
+                f"--gender {self.gender} with {trained.body.name} for {trained.name} of "
+                f"{trained.owner}",
+                f"a {trained.body.gender} body's",
                 "Leave --gender out, or pass another --body, or a --run that was trained on one.",
             )
 
@@ -159,8 +159,8 @@ class Controls(MotionOptions):
         names = {} if self.joint_map is None else read_joint_map(self.joint_map)
         return HowRead(self.up, names)
 
-    def asked_betas(self, body: BodyModelData) -> NDArray[np.float64] | None:
-        """(S,) betas of the shape that is asked for; None where the motion's own is meant."""
+    def requested_betas(self, body: BodyModelData) -> NDArray[np.float64] | None:
+        """(S,) betas of the requested shape; None where the motion's is meant."""
         if self.betas is not None:
             given, count = _parsed_betas(self.betas), body.shapedirs.shape[-1]
             return np.pad(given[:count], (0, max(0, count - N_BETAS)))
@@ -170,7 +170,7 @@ class Controls(MotionOptions):
 
 
 def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -> MovingBody:
-    """A body that performs a motion as an animator asks.
+    """A body that performs a motion by an animator's options.
 
     Parameters
     ----------
@@ -179,19 +179,19 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
     Raises
     ------
     DsnetError
-        If something asked for does not exist, is out of reach or does not go together, or the
+        If a requested thing does not exist, is out of reach or does not go together, or the
         motion is not one of a body of a person's size.
     """
     controls.check()
-    asked = controls.motion_fps, controls.smooth_hz
+    requested = controls.motion_fps, controls.smooth_hz
     for name, wanted, read in zip(
-        ("motion_fps", "smooth_hz"), asked, (motion.source_fps, motion.smooth_hz), strict=True
+        ("motion_fps", "smooth_hz"), requested, (motion.source_fps, motion.smooth_hz), strict=True
     ):
         if wanted not in (None, read):
             raise DsnetError(
                 f"{motion.source}, read with {name}={read}",
                 f"it with {wanted}, as the controls say",
-                f"Read it by load_motion_file(path, {name}={wanted!r}).",
+                f"Read it by load_motion(path, {name}={wanted!r}).",
             )
     if motion.fps != FPS:
         raise DsnetError(
@@ -201,15 +201,15 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
         )
     controls.check_model(trained)
     body, gain = trained.body, controls.gain
-    betas, shaped = controls.asked_betas(body), motion.betas.any()
-    motion = with_own_shape(motion, body, told=betas is None)
+    betas, shaped = controls.requested_betas(body), motion.betas.any()
+    motion = with_betas_on(motion, body, warn=betas is None)
     if controls.floor == "scale" and shaped and not motion.betas.any():
         notify(
-            f"--floor scale: the betas of {motion.source} do not tell whose legs walked, mean ones "
+            f"--floor scale: the betas of {motion.source} do not say whose legs walked, mean ones "
             "are taken; --floor shift scales nothing"
         )
     if controls.pose == "bony":
-        motion = bony_pose(body, motion)
+        motion = bone_pose_of(body, motion)
     if controls.part_gain:
         gain = blended_gain(body, gain, gains_of_parts(controls.part_gain))
     placed = place_motion(motion, body, betas)
@@ -221,8 +221,8 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
 
 def _looped(placed: Motion, body: BodyModelData) -> tuple[Motion, Lap]:
     """A motion that stands where it shall as one that repeats."""
-    if len(pieces := pieces_between_cuts(placed.theta)) > 1:
-        jumps = f"--loop with {placed.source}, which jumps at frame {pieces[1].start}"
+    if placed.cuts:
+        jumps = f"--loop with {placed.source}, which jumps at frame {placed.cuts[0]}"
         raise DsnetError(jumps, "a motion without cuts", REMEDY)
     closed = close_lap(placed.theta, root_joint_m(body, placed.betas))
     if closed.dropped:
@@ -251,17 +251,17 @@ def blended_gain(body: BodyModelData, gain: float, of_parts: ArrayLike) -> NDArr
 
 
 def gains_of_parts(part_gain: Sequence[str]) -> NDArray[np.float64]:
-    """(11,) the gains of `PARTS`, 1 where none is said.
+    """(11,) the gains of `PARTS`, 1 where none is given.
 
-    `part_gain` is `part=gain` of `PARTS` and `GROUPS`; a part's own counts more than its group's.
+    `part_gain` is `part=gain` of `PARTS` and `GROUPS`; a part's gain counts more than its group's.
     """
     remedy = "Pass --part-gain belly=2 chest=0.5."
-    said = numbers_by_name("--part-gain", part_gain, (*PARTS, *GROUPS), GAINS, remedy)
+    gains = numbers_by_name("--part-gain", part_gain, (*PARTS, *GROUPS), GAINS, remedy)
     group_of = {part: group for group, parts in GROUPS.items() for part in parts}
-    return np.array([said.get(part, said.get(group_of.get(part, ""), 1.0)) for part in PARTS])
+    return np.array([gains.get(part, gains.get(group_of.get(part, ""), 1.0)) for part in PARTS])
 
 
-def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, own_betas: NDArray) -> Motion:
+def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, file_betas: NDArray) -> Motion:
     """A motion whose lowest point stands on the floor, at height 0.
 
     Parameters
@@ -270,14 +270,14 @@ def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, own_betas: N
     floor : `keep` changes nothing; `shift` adds one number to all heights, so that jumps take the
         time they take; `scale` first multiplies the root's travel and height by the ratio of leg
         lengths, so that strides fit.
-    own_betas : (10,) shape of the person whose motion it is.
+    file_betas : (10,) shape of the person whose motion it is.
     """
     if floor == "keep":
         return motion
     if floor == "scale":
-        motion = _strides_fitted(motion, body, own_betas)
+        motion = _strides_fitted(motion, body, file_betas)
     low_m = np.percentile(lowest_points_m(motion, body), SOLE_PERCENTILE)
-    return replace(motion, theta=pack_theta(motion.pose, motion.trans_m - [0.0, low_m, 0.0]))
+    return motion.moved(motion.trans_m - [0.0, low_m, 0.0])
 
 
 def leg_length_m(body: BodyModelData, betas: NDArray) -> float:
@@ -287,16 +287,16 @@ def leg_length_m(body: BodyModelData, betas: NDArray) -> float:
     return float(hips.mean() - shaped_vertices(body, betas)[0, :, 1].min())
 
 
-def _strides_fitted(motion: Motion, body: BodyModelData, own_betas: NDArray) -> Motion:
-    own_m = leg_length_m(body, own_betas)
-    if not 0.1 < own_m < 10.0:
-        legs = f"--floor scale with {motion.source}, whose betas are of legs of {own_m:.3g} m"
+def _strides_fitted(motion: Motion, body: BodyModelData, file_betas: NDArray) -> Motion:
+    file_leg_m = leg_length_m(body, file_betas)
+    if not 0.1 < file_leg_m < 10.0:
+        legs = f"--floor scale with {motion.source}, whose betas are of legs of {file_leg_m:.3g} m"
         raise DsnetError(legs, "a person's", "Pass --floor shift.")
     joint_m = root_joint_m(body, motion.betas)
     places_m = motion.trans_m + joint_m
     start_m = places_m[:1] * [1.0, 0.0, 1.0]
-    places_m = start_m + leg_length_m(body, motion.betas) / own_m * (places_m - start_m)
-    return replace(motion, theta=pack_theta(motion.pose, places_m - joint_m))
+    places_m = start_m + leg_length_m(body, motion.betas) / file_leg_m * (places_m - start_m)
+    return motion.moved(places_m - joint_m)
 
 
 def root_joint_m(body: BodyModelData, betas: NDArray) -> NDArray[np.float64]:

@@ -72,7 +72,7 @@ the predictors and a default; the function opens one on a body, `DsnetError` if 
 
 @dataclass(frozen=True, eq=False)
 class TrainedModel:
-    """The predictor that was asked for, or that there is to offer; loaded when it is used."""
+    """The requested predictor, or the best there is; loaded when it is used."""
 
     name: str
     label: str
@@ -160,7 +160,7 @@ class TrainedModel:
     def open(self, body: BodyModelData) -> Model:
         """The model on a body; DsnetError if what its training left does not fit together."""
 
-        # Arrays of a stranger's can be missing, of other shapes or types, or none of a network.
+        # Arrays in the file can be missing, of other shapes or types, or none of a network.
         def refusal(error: Exception) -> DsnetError:
             return DsnetError(
                 f"{self.name} of {self.owner}, whose arrays do not fit together ({error!s:.200})",
@@ -172,7 +172,7 @@ class TrainedModel:
             return PIPELINES[tuple(self.artifacts)](self, body)
 
 
-def body_asked(given: Path | str | None) -> str | None:
+def requested_body(given: Path | str | None) -> str | None:
     """The body model of `--body`, else of `DSNET_BODY`, which stands for always; None for the one
     that a predictor was trained on."""
     return str(given or os.environ.get("DSNET_BODY") or "") or None
@@ -184,7 +184,7 @@ folder which `TrainedModel.save` wrote, or one that is loaded."""
 
 
 def name_of(source: Source) -> str | None:
-    """What a manifest says of where a model was from; None for the package's own choice."""
+    """What a manifest says of where a model was from; None for the package's choice."""
     if isinstance(source, TrainedModel):
         return source.owner
     if isinstance(source, Run):
@@ -219,30 +219,30 @@ def load_model(
     """
     moved = None if body is None else load_body_model(os.fspath(body), gender, kind)
     if moved is not None:
-        known = (one for one in (moved.gender, gender) if one in EMBEDDED_GENDERS)
-        gender = next(known, "unknown")
-    found = find_model(source, predictor, gender)
-    if not found.trained_on:
-        found = _on_licensed(found, moved, str(body))
+        genders = (one for one in (moved.gender, gender) if one in EMBEDDED_GENDERS)
+        gender = next(genders, "unknown")
+    trained = find_model(source, predictor, gender)
+    if not trained.trained_on:
+        trained = _on_licensed(trained, moved, str(body))
     elif moved is not None:
         shapes = N_BETAS + min(more_betas, max(moved.shapedirs.shape[-1] - N_BETAS, 0))
-        found = found.on(moved.with_shapes(shapes), str(body))
+        trained = trained.on(moved.with_shapes(shapes), str(body))
     for note in () if moved is None else moved.notes:
         notify(note)
-    _ = found.model
-    return found
+    _ = trained.model
+    return trained
 
 
-def _on_licensed(found: TrainedModel, body: BodyModelData | None, path: str) -> TrainedModel:
+def _on_licensed(trained: TrainedModel, body: BodyModelData | None, path: str) -> TrainedModel:
     """The model of a folder that could not hold the body that it was trained on: on that body."""
-    (artifact, *_) = found.artifacts.values()
+    (artifact, *_) = trained.artifacts.values()
     if body is None or body_digest(body) != artifact.manifest["body_sha256"]:
         raise DsnetError(
-            f"{found.owner} {'without a body' if body is None else f'with the body {body.name}'}",
+            f"{trained.owner} {'without a body' if body is None else f'with the body {body.name}'}",
             "the licensed body that it was trained on, which the folder cannot hold",
             "Pass the file of that body.",
         )
-    return replace(found, body_model=path, trained_on=path)
+    return replace(trained, body_model=path, trained_on=path)
 
 
 def packaged_folder(gender: str) -> Path:
@@ -250,42 +250,44 @@ def packaged_folder(gender: str) -> Path:
     return Path(str(resources.files("dsnet.prediction"))) / "packaged" / gender
 
 
-def find_model(source: Source, asked: str | None = None, gender: str = "unknown") -> TrainedModel:
+def find_model(
+    source: Source, predictor: str | None = None, gender: str = "unknown"
+) -> TrainedModel:
     """As `load_model`, on the body that it was trained on; nothing is read yet but manifests."""
     if isinstance(source, TrainedModel):
-        _check_name(asked, source.name, f"of {source.owner}", "Load the other one.")
+        _check_name(predictor, source.name, f"of {source.owner}", "Load the other one.")
         return source
     if source is None or source in EMBEDDED_GENDERS:
         taken, line = embedded_gender(str(source or gender))
         if line:
             notify(line)
         otherwise = "Train another and name its run: ./reproduce.sh, then --run demo."
-        _check_name(asked, PLUS, "without a run", otherwise)
+        _check_name(predictor, PLUS, "without a run", otherwise)
         return _of_folder(packaged_folder(taken), "no --run given", taken)
     if isinstance(source, Run):
-        return _of_run(source, asked)
+        return _of_run(source, predictor)
     folder = Path(source)
     is_run = len(folder.parts) == 1 and (runs_root() / folder).is_dir()
     if (folder / MANIFEST).is_file() and not is_run:
-        found = _of_folder(folder, "the folder's")
-        _check_name(asked, found.name, f"of {found.owner}", "Leave the name out.")
-        return found
+        trained = _of_folder(folder, "the folder's")
+        _check_name(predictor, trained.name, f"of {trained.owner}", "Leave the name out.")
+        return trained
     if len(folder.parts) > 1:
         raise DsnetError(
             f"a model in {folder}, which holds none",
             "a run's name, or a folder that a model was saved to",
             "Check the path.",
         )
-    return _of_run(Run(os.fspath(source)), asked)
+    return _of_run(Run(os.fspath(source)), predictor)
 
 
-def _check_name(asked: str | None, name: str, owner: str, otherwise: str) -> None:
-    if asked not in (None, name):
-        received = f"predictor {asked!r} {owner}"
-        raise DsnetError(received, name, did_you_mean(asked or "", [name], otherwise))
+def _check_name(predictor: str | None, name: str, owner: str, otherwise: str) -> None:
+    if predictor not in (None, name):
+        received = f"predictor {predictor!r} {owner}"
+        raise DsnetError(received, name, did_you_mean(predictor or "", [name], otherwise))
 
 
-def _of_run(run: Run, asked: str | None) -> TrainedModel:
+def _of_run(run: Run, predictor: str | None) -> TrainedModel:
     trained = {
         stages: read_artifact(run.path / stages[0]).manifest
         for stages in PIPELINES
@@ -298,22 +300,22 @@ def _of_run(run: Run, asked: str | None) -> TrainedModel:
         finished = " or ".join(f"a finished stage {first!r}" for first, *_ in [*PIPELINES][1:])
         raise DsnetError(f"run {run.name!r} without a trained predictor", finished, f"Run {train}.")
     for stages, manifest in trained.items():
-        name = asked or str(manifest["default"])
+        name = predictor or str(manifest["default"])
         if name in manifest["predictors"]:
             entry = manifest["predictors"][name]
             return TrainedModel(
                 name,
                 label=str(entry.get("label", name)) if isinstance(entry, dict) else name,
-                why="the run's best" if asked is None else "as asked",
+                why="the run's best" if predictor is None else "as requested",
                 owner=f"run {run.name!r}",
                 body_model=_body_of(run, manifest),
                 trained_on=_body_of(run, manifest),
                 artifacts=run.artifacts(*stages),
             )
     there = [name for manifest in trained.values() for name in manifest["predictors"]]
-    received = f"predictor {asked!r} asked of run {run.name!r}"
+    received = f"predictor {predictor!r} of run {run.name!r}"
     remedy = f"Name one of these, or train another: {train}."
-    raise unknown_name(received, asked or "", there, remedy)
+    raise unknown_name(received, predictor or "", there, remedy)
 
 
 def _body_of(run: Run, manifest: Mapping[str, Any]) -> str:
@@ -323,13 +325,15 @@ def _body_of(run: Run, manifest: Mapping[str, Any]) -> str:
 
 
 def _of_folder(folder: Path, why: str, packaged: str = "") -> TrainedModel:
-    """The model that a folder holds; `packaged` is the gender of the package's own."""
+    """The model that a folder holds; `packaged` is the gender of the package's."""
     artifact = read_artifact(folder, PACKAGED)
     manifest = artifact.manifest
     (name, entry), *_ = manifest["predictors"].items()
     stages = tuple(manifest.get("stages", (TRAIN_PLUS,)))
     if stages not in PIPELINES:
-        raise DsnetError(f"{folder}, a model of stages {stages}", "a known kind", "Save it again.")
+        raise DsnetError(
+            f"{folder}, a model of stages {stages}", "stages of this version", "Save it again."
+        )
     body_model = manifest.get("body_model", EMBEDDED_PREFIX + str(manifest.get("gender"))) or ""
     owner = f"the packaged model ({packaged}, {artifact.origin})" if packaged else str(folder)
     return TrainedModel(

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.errors import DsnetError
-from bridge.motion.motion import pack_theta, unpack_theta
 from bridge.motion.readers.amass import CYCLE, SAMPLE_PREFIX
+from bridge.motion.theta import pack_theta, unpack_theta
 
 SMOOTH_DEG, SMOOTH_M = 2.0, 0.005
 """By how much the step of a joint, and of the root's place, may change from frame to frame over the

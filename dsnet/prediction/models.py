@@ -47,7 +47,7 @@ SETTLED_M = 1e-4
 LONGEST_S, FEWEST_ROUNDS = 30.0, 6
 """Tissue that has not settled after so long, and so many rounds, never does."""
 State = NDArray[np.float32]
-"""(B, S): a row is all that is known of a character. Rows may be taken, stacked and reordered from
+"""(B, S): a row is the whole state of a character. Rows may be taken, stacked and reordered from
 frame to frame; what is made of one is independent of the others, and none is ever changed."""
 Codes = NDArray[np.float32]
 """(B, ...)."""
@@ -64,7 +64,7 @@ class Model(Protocol):
     """A trained predictor on a body."""
 
     look_ahead: int
-    """Frames after which a frame's codes are known."""
+    """Frames after which a frame's codes come."""
     codes_are_latents: bool
 
     def reset(self, betas: NDArray, theta0: NDArray) -> State:
@@ -121,12 +121,12 @@ class PlusModel:
     def step(self, state: State, theta: NDArray) -> tuple[State, Codes]:
         about_start = np.array(theta, np.float64)
         about_start[:, _PLACE] -= state[:, _PLACE]
-        found = self._run(
+        outputs = self._run(
             theta=about_start.astype(np.float32),
             betas=state[:, self._layout.columns("betas")],
             state=state[:, : self._layout.size],
         )
-        return np.concatenate([found["next_state"], state[:, _PLACE]], 1), found["codes"]
+        return np.concatenate([outputs["next_state"], state[:, _PLACE]], 1), outputs["codes"]
 
     def stopped(self, state: State) -> State:
         """Nodes that have not moved have no acceleration where they stay."""
@@ -149,7 +149,7 @@ class DsnetModel:
     Parameters
     ----------
     codec : the finished `train-ae` whose decoder makes offsets of latents, and
-    body : the body model that they are of; None where only codes are asked.
+    body : the body model that they are of; None where only codes are needed.
     """
 
     look_ahead = 0
@@ -173,8 +173,8 @@ class DsnetModel:
     def step(self, state: State, theta: NDArray) -> tuple[State, Codes]:
         betas = state[:, _BETAS]
         inputs = np.concatenate([betas, np.asarray(theta, np.float32)], axis=1)
-        found = self._run(motion=inputs, state=state[:, _MEMORY])
-        return np.concatenate([betas, found["next_state"]], axis=1), found["codes"]
+        outputs = self._run(motion=inputs, state=state[:, _MEMORY])
+        return np.concatenate([betas, outputs["next_state"]], axis=1), outputs["codes"]
 
     def reshaped(self, state: State, betas: NDArray) -> State:
         """The same past, of bodies betas (B, 10) from here on."""
@@ -257,22 +257,22 @@ def simulate_nodes(
     """Offsets (T, K, 3) of the nodes, without the static part, of motions theta (T, 69) of people
     betas (B, 10)."""
     model = PlusModel(trained, body, threads=0)
-    found = [np.empty((len(theta), len(trained.nodes), 3), np.float32) for theta in motions]
-    for start in range(0, len(found), _MOTIONS_AT_ONCE):
+    offsets = [np.empty((len(theta), len(trained.nodes), 3), np.float32) for theta in motions]
+    for start in range(0, len(offsets), _MOTIONS_AT_ONCE):
         some = slice(start, start + _MOTIONS_AT_ONCE)
         for frame, (rows, codes) in enumerate(codes_of_several(model, motions[some], betas[some])):
             for row, code in zip(rows, codes, strict=True):
-                found[start + row][frame] = code.T
-    return found
+                offsets[start + row][frame] = code.T
+    return offsets
 
 
 def finished(model: Model, state: State, theta: NDArray) -> list[Codes]:
     """The codes still to come if motions end in their newest poses theta (B, 69)."""
-    state, owed = model.stopped(state), []
+    state, last = model.stopped(state), []
     for _ in range(model.look_ahead):
         state, codes = model.step(state, theta)
-        owed.append(codes)
-    return owed
+        last.append(codes)
+    return last
 
 
 def predict_loop(
@@ -286,8 +286,8 @@ def predict_loop(
     most = max(int(LONGEST_S * FPS / frames), FEWEST_ROUNDS)
     every = -(-frames // FRAMES_AT_ONCE)
     # One round more than is ever given: its last frames are smoothed over those that follow.
-    found = predict(loop.repeated(most + 1), betas)
-    each, before, differ_m = chain.from_iterable(found.offsets_m), None, np.inf
+    prediction = predict(loop.repeated(most + 1), betas)
+    each, before, differ_m = chain.from_iterable(prediction.offsets_m), None, np.inf
     for done in range(1, most):
         lap = enumerate(islice(each, frames))
         sample = np.stack([offsets for at, offsets in lap if (frames - 1 - at) % every == 0])
@@ -295,7 +295,9 @@ def predict_loop(
             differ_m = float(np.linalg.norm(sample - before, axis=-1).max())
         if differ_m < SETTLED_M:
             first = done * frames
-            latents = None if found.latents is None else found.latents[first : first + frames]
+            latents = (
+                None if prediction.latents is None else prediction.latents[first : first + frames]
+            )
             return Prediction(_in_pieces(islice(each, frames)), latents)
         before = sample
     raise DsnetError(

@@ -18,8 +18,7 @@ from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl, full_pose
 from bridge.errors import DsnetError, notify
-from bridge.motion import Motion, pack_theta, unpack_theta
-from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion import Motion, unpack_theta
 from bridge.motion.motion import FARTHEST_M
 from bridge.motion.motion_checks import motion_warnings
 from bridge.paper import N_JOINTS
@@ -35,7 +34,7 @@ SOLE_PERCENTILE = 1.0
 _FEET = ("left_ankle", "right_ankle", "left_foot", "right_foot")
 _EVERY = 8
 """Vertices of the rest of the body, of which fewer are looked at than of the feet."""
-_TOLD_FLOOR_M, _FLOOR_FRAMES = 0.03, 120
+_WARN_FLOOR_M, _FLOOR_FRAMES = 0.03, 120
 LARGEST_BODY_M = 10.0
 """A shape larger than this is no person's."""
 
@@ -55,7 +54,7 @@ class MovedFrames:
 
     @cached_property
     def vertices_m(self) -> NDArray[np.float32]:
-        """(T', V, 3) in the world, metres, y up; posed when they are asked for."""
+        """(T', V, 3) in the world, metres, y up; posed when they are first read."""
         return self.posed(self)
 
 
@@ -70,7 +69,7 @@ class MovingBody:
     motion : (T, 69) at 60 frames a second with y up, and the shape to move with.
     gain : by which the predicted offsets are multiplied, one number or one a vertex (V,): 0 is
         SMPL alone, 1 what was predicted.
-    controls : all that an animator asked for, by name: `Controls.given()`, which motion, gain and
+    controls : an animator's options, by name: `Controls.given()`, which motion, gain and
         loop already obey. It goes with what is written of the body.
     loop : the motion as one that repeats, if it does.
     """
@@ -85,7 +84,7 @@ class MovingBody:
     ) -> None:
         self.trained, self.motion = trained, motion
         self.controls = dict(controls or {})
-        self.pieces = pieces_between_cuts(motion.theta)
+        self.pieces = motion.pieces
         self._gain, self.loop = np.asarray(gain, np.float32), loop
         self._gain = self._gain[:, None] if self._gain.ndim else self._gain
 
@@ -104,8 +103,8 @@ class MovingBody:
     @property
     def latents(self) -> NDArray[np.float32] | None:
         """(T, 100) codes that the offsets are decoded from, before any gain, if there are any."""
-        found = self._latents_of_pieces
-        return None if found is None else np.concatenate(found)
+        latents = self._latents_of_pieces
+        return None if latents is None else np.concatenate(latents)
 
     @cached_property
     def _latents_of_pieces(self) -> list[NDArray[np.float32]] | None:
@@ -117,14 +116,14 @@ class MovingBody:
     def _offset_pieces(self) -> Iterator[NDArray[np.float32]]:
         """Of all frames, some at a time."""
         if self._latents_of_pieces is None:
-            return chain.from_iterable(found.offsets_m for found in self._predictions())
+            return chain.from_iterable(each.offsets_m for each in self._predictions())
         model, theta, betas = self.trained.model, self.motion.theta, self.motion.betas
         latents = zip(self._latents_of_pieces, self.pieces, strict=True)
         pieces = (decoded(model, codes, theta[piece], betas) for codes, piece in latents)
         return chain.from_iterable(pieces)
 
     def _predictions(self) -> list[Prediction]:
-        """Of each piece between cuts; their offsets are computed when they are asked for."""
+        """Of each piece between cuts; their offsets are computed when they are iterated."""
         theta, betas = self.motion.theta, self.motion.betas
         predict = partial(predict_whole, self.trained.model)
         if self.loop is not None:
@@ -136,9 +135,9 @@ class MovingBody:
         smpl = Smpl(self.body, hands=pose.shape[1] > N_JOINTS)
         shaped, start = smpl.person(self.motion.betas), 0
 
-        def finite(found_m: NDArray[np.float32], frames: slice) -> NDArray[np.float32]:
-            if np.isfinite(found_m).all():
-                return found_m
+        def finite(values_m: NDArray[np.float32], frames: slice) -> NDArray[np.float32]:
+            if np.isfinite(values_m).all():
+                return values_m
             raise DsnetError(
                 f"{self.motion.source}, whose skin is not finite from frame {frames.start} on",
                 "a predictor that gives finite offsets",
@@ -149,9 +148,9 @@ class MovingBody:
             frames = moved.frames
             return finite(shaped.pose(pose[frames], trans[frames], moved.offsets_m), frames)
 
-        for found_m in self._offset_pieces():
-            frames = slice(start, start + len(found_m))
-            yield MovedFrames(frames, finite(found_m * self._gain, frames), posed)
+        for offsets_m in self._offset_pieces():
+            frames = slice(start, start + len(offsets_m))
+            yield MovedFrames(frames, finite(offsets_m * self._gain, frames), posed)
             start = frames.stop
 
     def arrays(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -162,34 +161,34 @@ class MovingBody:
         return np.concatenate(vertices_m), np.concatenate(offsets_m)
 
     def shown(self, what: str) -> Iterator[MovedFrames]:
-        """The same frames; a terminal is told how far `what` is."""
+        """The same frames; a terminal shows how far `what` is."""
         with progress(what=what, unit="frame", total=len(self)) as bar:
             for posed in self:
                 yield posed
                 bar.update(len(posed))
 
     def announce(self) -> None:
-        """Say on stderr which predictor moves the body, and what is odd about the motion."""
+        """Say on stderr which predictor moves the body, with warnings about the motion."""
         by = self.trained
         notify(f"{by.name} ({by.label}) of {by.owner} predicts: {by.why}")
-        for oddity in self.oddities():
-            notify(oddity)
+        for warning in self.warnings():
+            notify(warning)
 
-    def oddities(self) -> list[str]:
-        """What is odd about the motion, a line each."""
-        found = motion_warnings(self.motion, self.pieces)
-        found = [*found, *([] if "pose" in self.controls else flesh_in_pose(self.motion))]
+    def warnings(self) -> list[str]:
+        """About the motion, a line each."""
+        lines = motion_warnings(self.motion)
+        lines += [] if "pose" in self.controls else flesh_in_pose(self.motion)
         if "floor" in self.controls:
-            return found
-        sampled = self.motion.theta[:: max(1, len(self) // _FLOOR_FRAMES)]
-        lowest_m = lowest_points_m(replace(self.motion, theta=sampled), self.body)
-        if abs(low_m := np.percentile(lowest_m, SOLE_PERCENTILE)) > _TOLD_FLOOR_M:
+            return lines
+        sampled = self.motion.frames(slice(None, None, max(1, len(self) // _FLOOR_FRAMES)))
+        lowest_m = lowest_points_m(sampled, self.body)
+        if abs(low_m := np.percentile(lowest_m, SOLE_PERCENTILE)) > _WARN_FLOOR_M:
             how = "floats above" if low_m > 0 else "sinks into"
-            found.append(
+            lines.append(
                 f"{self.motion.source} {how} the floor by {100 * abs(low_m):.0f} cm at its lowest: "
                 "--floor shift puts it there"
             )
-        return found
+        return lines
 
 
 def pose_on(motion: Motion, body: BodyModelData) -> NDArray[np.floating]:
@@ -210,7 +209,7 @@ def place_motion(
         motion = replace(motion, betas=betas)
     apart_m = pelvis_apart_m(motion, body)
     placed = motion.about_root_joint(persons_root_joint_m(motion, body) + apart_m)
-    return replace(placed, theta=pack_theta(placed.pose, placed.trans_m + apart_m))
+    return placed.moved(placed.trans_m + apart_m)
 
 
 def persons_root_joint_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:

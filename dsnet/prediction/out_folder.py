@@ -61,9 +61,9 @@ def _foreign(out: Path, kind: str) -> str:
         return f"other files such as {there.name}"
     if artifact.manifest["kind"] != kind:
         return f"an artifact of kind {artifact.manifest['kind']!r}"
-    own = {MANIFEST, *artifact.digests}
+    expected = {MANIFEST, *artifact.digests}
     for path in sorted(out.rglob("*")):
         name = path.relative_to(out).as_posix()
-        if name not in own and (path.is_symlink() or not path.is_dir()):
+        if name not in expected and (path.is_symlink() or not path.is_dir()):
             return f"{name} beside an earlier {kind}"
     return ""

@@ -1,8 +1,8 @@
 """`dsnet predict --motion FOLDER`: every motion below a folder, into a tree of the same shape.
 
 `OUT/Subject/walk_poses/` is the prediction of `FOLDER/Subject/walk_poses.npz`. What is there, made
-of the same file as is asked for now, is not made again, so the same command goes on after a kill.
-A file that cannot be predicted is told at the end and stops no other.
+of the same file as is requested now, is not made again, so the same command goes on after a kill.
+A file that cannot be predicted is named at the end and stops no other.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from bridge.body.embedded import EMBEDDED_GENDERS
 from bridge.errors import DsnetError, notify
 from bridge.motion import Motion
 from bridge.motion.readers import files_below, stated_gender
+from bridge.motion.readers.c3d import c3d_beside
 from bridge.runs import read_artifact
 from bridge.runs.files import (
     MANIFEST,
@@ -34,15 +35,14 @@ from bridge.runs.files import (
     write_text_atomically,
 )
 from bridge.runs.workers import WorkerPool, on_any_node, progress, worker_pool
-from dsnet.markers.marker_files import c3d_beside
 from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.load_model import (
     Source,
     TrainedModel,
-    body_asked,
     find_model,
     load_model,
     name_of,
+    requested_body,
 )
 from dsnet.prediction.moving_body import MovingBody
 from dsnet.prediction.out_folder import open_out_folder
@@ -51,7 +51,7 @@ from dsnet.prediction.prediction_files import KIND, OF_MANY, fill_prediction
 REFUSED = "refused.txt"
 """In the folder that is written: each file that was refused, and why."""
 _SHOWN = 20
-"""Refusals that the terminal is told; the file has all."""
+"""Refusals that are listed on the terminal; the file has all."""
 _BYTES = {"offsets": 12, "offsets16": 6, "vertices": 12}
 """Of a vertex in a frame."""
 _BESIDE_BYTES = 8192
@@ -60,8 +60,8 @@ _load = lru_cache(maxsize=8)(load_model)
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What every motion of the folder is asked for; workers have a copy."""
+class FolderJob:
+    """What is to be made of every motion of the folder; workers have a copy."""
 
     source: Source
     predictor: str | None
@@ -73,11 +73,11 @@ class Asked:
         return self.controls.load(self.source, self.predictor, path, _load)
 
     def moving(self, path: Path) -> tuple[MovingBody, list[str]]:
-        """The body that performs it, and all that is to be told of it, which no terminal is."""
-        with redirect_stderr(StringIO()) as said:
+        """The body that performs it, and the warnings about it, which the terminal does not get."""
+        with redirect_stderr(StringIO()) as stderr:
             moving = controlled_body(*self.load(path), self.controls)
-        lines = [line.removeprefix("dsnet: ") for line in said.getvalue().splitlines()]
-        return moving, lines + moving.oddities()
+        lines = [line.removeprefix("dsnet: ") for line in stderr.getvalue().splitlines()]
+        return moving, lines + moving.warnings()
 
     @property
     def config(self) -> dict[str, Any]:
@@ -93,7 +93,7 @@ class Asked:
         return json.loads(json.dumps(given))
 
     def _body(self) -> list[tuple[str, int, int]] | str | None:
-        """Names, sizes and times of the model files that were asked for: they may be gigabytes."""
+        """Names, sizes and times of the model files that were requested: they may be gigabytes."""
         path = self.controls.body
         if path is None or not path.exists():
             return path and str(path)
@@ -103,7 +103,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Found:
+class MotionJob:
     """One file below the folder."""
 
     path: Path
@@ -114,8 +114,8 @@ class Found:
     bytes: int = 0
     """Of what will be written."""
     refusal: str = ""
-    told: int = 0
-    """Lines in its manifest of what is odd about it."""
+    warnings: int = 0
+    """Lines of them in its manifest."""
 
 
 def predict_folder(
@@ -130,7 +130,7 @@ def predict_folder(
     """Predict every motion below a folder; parameters are those of `predict_motion`.
 
     Files without a motion, as AMASS's `shape.npz`, are passed over. Before anything is written the
-    room that all takes is said. Workers are processes, or nodes where `--engine ray` was asked for.
+    room that all takes is printed. Workers are processes, or nodes with `--engine ray`.
 
     Raises
     ------
@@ -139,33 +139,33 @@ def predict_folder(
         all others are written, if some file was refused, which `out/refused.txt` has.
     """
     controls = controls or Controls()
-    if said := body_asked(controls.body):  # other machines have other settings and folders
-        body = Path(said).resolve() if Path(said).exists() else Path(said)
+    if body_name := requested_body(controls.body):  # other machines have other settings and folders
+        body = Path(body_name).resolve() if Path(body_name).exists() else Path(body_name)
         controls = replace(controls, body=body)
-    asked = Asked(source, predictor, controls, tuple(write))
-    asked.controls.check()
-    asked.controls.how_read()
+    job = FolderJob(source, predictor, controls, tuple(write))
+    job.controls.check()
+    job.controls.how_read()
     _refuse_place(folder, out)
     models = _upstreams(source, predictor)
     with (
         exclusive(out, f"--out {out}", "Wait until it has ended, or name another folder."),
-        worker_pool(on_any_node("processes"), asked) as pool,
+        worker_pool(on_any_node("processes"), job) as pool,
     ):
         files = _files(folder.resolve(), out.resolve())
-        done = {one.path: one.out for one in files if _is_done(one, asked, models)}
+        done = {one.path: one.out for one in files if _is_done(one, job, models)}
         for out_of_one in done.values():
             tidy(out_of_one)
-        found = _surveyed([one for one in files if one.path not in done], pool)
-        if not done and not found:
+        surveyed = _surveyed([one for one in files if one.path not in done], pool)
+        if not done and not surveyed:
             raise DsnetError(
                 f"--motion {folder}, a folder with {len(files)} files that might be motions",
                 "at least one motion in it",
                 "Check the path: docs/motion_files.md has what is read.",
             )
-        motions = [one for one in found if not one.refusal]
+        motions = [one for one in surveyed if not one.refusal]
         _refuse_lack_of_room(out, motions, len(done))
-        refused = [one for one in found if one.refusal] + _predicted(motions, pool)
-        _report(out, refused, len(done) + len(found))
+        refused = [one for one in surveyed if one.refusal] + _predicted(motions, pool)
+        _report(out, refused, len(done) + len(surveyed))
 
 
 def _refuse_place(folder: Path, out: Path) -> None:
@@ -173,12 +173,12 @@ def _refuse_place(folder: Path, out: Path) -> None:
     if source in (whole, *whole.parents):
         raise DsnetError(
             f"--out {out}, which lies in --motion {folder}",
-            "a folder elsewhere: what is written would be found as motions",
+            "a folder outside it: what is written would be read as motions",
             "Name another folder.",
         )
     if runs_root().resolve() in whole.parents or is_finished(out):
         kind = "a prediction" if is_finished(out) else "a place in the runs"
-        raise DsnetError(f"--out {out}, {kind}", "a folder of its own", "Name another folder.")
+        raise DsnetError(f"--out {out}, {kind}", "an empty folder", "Name another folder.")
 
 
 def _upstreams(source: Source, predictor: str | None) -> list[dict[str, str]]:
@@ -188,7 +188,7 @@ def _upstreams(source: Source, predictor: str | None) -> list[dict[str, str]]:
     return [find_model(None, predictor, gender).upstream for gender in EMBEDDED_GENDERS]
 
 
-def _files(folder: Path, out: Path) -> list[Found]:
+def _files(folder: Path, out: Path) -> list[MotionJob]:
     """In order of path; the endings of names stay where a folder would be another's too."""
     paths = [path for path in files_below(folder) if path.is_file()]
     taken = Counter(path.with_suffix("") for path in paths)
@@ -198,11 +198,11 @@ def _files(folder: Path, out: Path) -> list[Found]:
         whole = path if taken[path.with_suffix("")] > 1 else path.with_suffix("")
         return out / whole.relative_to(folder)
 
-    return [Found(path, str(path.relative_to(folder)), place(path)) for path in paths]
+    return [MotionJob(path, str(path.relative_to(folder)), place(path)) for path in paths]
 
 
-def _is_done(one: Found, asked: Asked, models: Sequence[dict[str, str]]) -> bool:
-    """Whether what is asked for was made of the file as it is."""
+def _is_done(one: MotionJob, job: FolderJob, models: Sequence[dict[str, str]]) -> bool:
+    """Whether what is requested was made of the file as it is."""
     if not is_finished(one.out):
         return False
     try:
@@ -215,7 +215,7 @@ def _is_done(one: Found, asked: Asked, models: Sequence[dict[str, str]]) -> bool
         for name, path in _files_read(one.path).items()
     }
     made_of = [model | present for model in models]
-    return made.manifest["config"] == asked.config and upstream in made_of
+    return made.manifest["config"] == job.config and upstream in made_of
 
 
 def _files_read(motion: Path) -> dict[str, Path]:
@@ -224,26 +224,26 @@ def _files_read(motion: Path) -> dict[str, Path]:
     return {"motion": motion} if markers is None else {"motion": motion, "markers": markers}
 
 
-def _surveyed(files: Sequence[Found], pool: WorkerPool[Asked]) -> list[Found]:
+def _surveyed(files: Sequence[MotionJob], pool: WorkerPool[FolderJob]) -> list[MotionJob]:
     """What each file holds, without those that hold no motion."""
     seen = progress(pool.map(_survey, files), what="look", unit="file", total=len(files))
     return [one for one in seen if one is not None]
 
 
-def _survey(asked: Asked, one: Found) -> Found | None:
+def _survey(job: FolderJob, one: MotionJob) -> MotionJob | None:
     try:
         if stated_gender(one.path) is None:
             return None
-        with redirect_stderr(StringIO()):  # it is told when the motion is predicted
-            trained, motion = asked.load(one.path)
-        bytes_a_frame = sum(_BYTES.get(word, 0) for word in asked.write) * trained.body.vertex_count
+        with redirect_stderr(StringIO()):  # warnings come when the motion is predicted
+            trained, motion = job.load(one.path)
+        bytes_a_frame = sum(_BYTES.get(word, 0) for word in job.write) * trained.body.vertex_count
     except DsnetError as error:
         return _refused(one, error)
     frames = len(motion.theta)
     return replace(one, frames=frames, bytes=frames * bytes_a_frame + _BESIDE_BYTES)
 
 
-def _refuse_lack_of_room(out: Path, motions: Sequence[Found], done: int) -> None:
+def _refuse_lack_of_room(out: Path, motions: Sequence[MotionJob], done: int) -> None:
     """Say what will be written, and refuse it where the disk has no room for it."""
     wanted, free = sum(one.bytes for one in motions), shutil.disk_usage(out.parent).free
     frames = sum(one.frames for one in motions)
@@ -261,42 +261,42 @@ def _size(count: float) -> str:
     return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.1f} MB"
 
 
-def _predicted(motions: Sequence[Found], pool: WorkerPool[Asked]) -> list[Found]:
+def _predicted(motions: Sequence[MotionJob], pool: WorkerPool[FolderJob]) -> list[MotionJob]:
     """Predict them; those that cannot be."""
     tried, total = [], sum(one.frames for one in motions)
     with progress(what="predict", unit="frame", total=total) as bar:
         for one in pool.map(_predict, motions):
             bar.update(one.frames)
             tried.append(one)
-    if count := sum(one.told > 0 for one in tried):
-        notify(f"of {count} something is odd, which stands under `told` in their {MANIFEST}")
+    if count := sum(one.warnings > 0 for one in tried):
+        notify(f"of {count} there are warnings, under `told` in their {MANIFEST}")
     return [one for one in tried if one.refusal]
 
 
-def _predict(asked: Asked, one: Found) -> Found:
+def _predict(job: FolderJob, one: MotionJob) -> MotionJob:
     try:
-        moving, told = asked.moving(one.path)
+        moving, warnings = job.moving(one.path)
         read = _files_read(one.path)
         stamps = {str(path): stamp_of(path) for path in read.values()}
         digests = {name: sha256_of(path) for name, path in read.items()}
         upstream = {**moving.trained.upstream, **digests}
         with open_out_folder(one.out, moving.trained.origin, KIND) as writer:
-            fill_prediction(writer, moving, asked.write, moving, source=one.path.name, told=told)
+            fill_prediction(writer, moving, job.write, moving, source=one.path.name, told=warnings)
             writer.record_inputs({name: str(path) for name, path in read.items()}, stamps)
-            writer.finish(config=asked.config, upstream=upstream)
+            writer.finish(config=job.config, upstream=upstream)
     except DsnetError as error:
         if isinstance(error.__cause__, OSError) and str(error).startswith("--out"):
             raise  # a full disk is no fault of the motion's
         return _refused(one, error)
-    return replace(one, told=len(told))
+    return replace(one, warnings=len(warnings))
 
 
-def _refused(one: Found, error: DsnetError) -> Found:
-    said = str(error).replace(str(one.path), one.name)
-    return replace(one, refusal=said if one.name in said else f"{one.name}: {said}")
+def _refused(one: MotionJob, error: DsnetError) -> MotionJob:
+    refusal = str(error).replace(str(one.path), one.name)
+    return replace(one, refusal=refusal if one.name in refusal else f"{one.name}: {refusal}")
 
 
-def _report(out: Path, refused: Sequence[Found], motions: int) -> None:
+def _report(out: Path, refused: Sequence[MotionJob], motions: int) -> None:
     """Say which motions were refused, and end so."""
     path = out / REFUSED
     path.unlink(missing_ok=True)
@@ -310,7 +310,7 @@ def _report(out: Path, refused: Sequence[Found], motions: int) -> None:
         notify(line)
     more = f" and {len(lines) - _SHOWN} more" if len(lines) > _SHOWN else ""
     raise DsnetError(
-        f"{len(refused)} of {motions} files, refused as told above{more} and in {path}",
+        f"{len(refused)} of {motions} files, refused as listed above{more} and in {path}",
         "motions of bodies",
         "All others are written; mend these and run the same command.",
     )

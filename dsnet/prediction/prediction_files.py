@@ -1,4 +1,4 @@
-"""One motion to the files of a moving body, in a folder that is nobody else's.
+"""One motion to the files of a moving body, in a folder of its own.
 
 From here to the arithmetic: `controlled_body` gives a `MovingBody`; iterating it, `predict_whole`
 repeats `Model.step`, which runs the deployable graph.
@@ -22,7 +22,7 @@ from dsnet.prediction.out_folder import open_out_folder
 KIND = "prediction"
 WRITABLE = ("offsets", "offsets16", "vertices", "latents", "strip")
 OF_ONE, OF_MANY = ("offsets", "vertices", "latents", "strip"), ("offsets",)
-"""What is written of one motion, and of each of a folder's, unless something else is asked for."""
+"""What is written of one motion, and of each of a folder's, by default."""
 
 
 def predict_motion(
@@ -44,9 +44,9 @@ def predict_motion(
     source : whose body and predictor, as `load_model` takes it; None for those that come with the
         package, of the motion's gender.
     path : AMASS `.npz`, BVH, or `sample:NAME`.
-    out : folder to write, see `open_out_folder`: what is asked for, and `manifest.json`.
+    out : folder to write, see `open_out_folder`: what `write` names, and `manifest.json`.
     predictor : which of the run's; the run's best when None.
-    controls : what an animator asks for; nothing when None.
+    controls : an animator's options; defaults when None.
     write : of `WRITABLE`: offsets (T, V, 3) in the rest pose and vertices (T, V, 3), both in
         metres, latents (T, 100) if the predictor has them, `strip.png`.
 
@@ -74,7 +74,7 @@ def fill_prediction(
     frames: Iterable[MovedFrames],
     **facts: Any,
 ) -> None:
-    """Write what is asked for of a body's frames, and record how it moves, with other facts."""
+    """Write what `write` names of a body's frames, and record how it moves, with other facts."""
     trained, motion, faces = moving.trained, moving.motion, moving.body.faces
     if "latents" in write and (latents := moving.latents) is not None:
         writer.put("latents", latents, "latent unit")

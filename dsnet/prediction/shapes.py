@@ -1,4 +1,4 @@
-"""Shapes of a body in words: what a tape and a scale say of it, and the betas of what is asked for.
+"""Shapes of a body in words: what a tape and a scale measure, and betas of requested measures.
 
 A girth is the convex hull of a plane section, as a tape bridges hollows. The planes lie at fixed
 parts of the way between joints, so they follow the body as its shape changes and any SMPL body has
@@ -108,10 +108,10 @@ def find_shape(body: BodyModelData, words: Sequence[str]) -> NDArray[np.float64]
 def parse_shape(words: Sequence[str]) -> tuple[list[Mapping[str, float]], dict[str, float]]:
     """What words say: the rows of `SHAPES`, in its order, and measurements by name."""
     named = {word for word in words if "=" not in word}
-    if strange := sorted(named - set(SHAPES)):
-        known = f"{', '.join(SHAPES)}, or a measurement such as height=182"
-        remedy = did_you_mean(strange[0], SHAPES, "See docs/animation.md.")
-        raise DsnetError(f"shape {strange[0]!r}", known, remedy)
+    if unknown := sorted(named - set(SHAPES)):
+        shapes = f"{', '.join(SHAPES)}, or a measurement such as height=182"
+        remedy = did_you_mean(unknown[0], SHAPES, "See docs/animation.md.")
+        raise DsnetError(f"shape {unknown[0]!r}", shapes, remedy)
     measured = [word for word in words if "=" in word]
     remedy = "Write height=182, in cm; weight=80, in kg."
     stated = numbers_by_name("measurement", measured, MEASURES, _CM_OR_KG, remedy)
@@ -133,8 +133,8 @@ def betas_that_measure(
     from scipy.optimize import least_squares
 
     def misses(betas: NDArray) -> NDArray:
-        found = measured(betas)
-        return np.array([found[name] - value for name, value in wanted.items()])
+        measures = measured(betas)
+        return np.array([measures[name] - value for name, value in wanted.items()])
 
     def residuals(betas: NDArray) -> NDArray:
         return np.concatenate([misses(betas) / CLOSE_ENOUGH, _PRIOR * betas])
@@ -144,13 +144,13 @@ def betas_that_measure(
     betas = least_squares(residuals, first, bounds=limits, xtol=1e-4, ftol=1e-6).x
     if np.abs(misses(betas)).max(initial=0.0) > CLOSE_ENOUGH:
         raise DsnetError(
-            f"a shape of {_said(wanted)}",
+            f"a shape of {_listed(wanted)}",
             f"one that {measured.shape_count} betas within {FARTHEST_BETA:g} give (the nearest has "
-            f"{_said(measured(betas))})",
+            f"{_listed(measured(betas))})",
             "Ask for less, or for fewer measurements; --betas gives any shape.",
         )
     return betas
 
 
-def _said(measures: Mapping[str, float]) -> str:
+def _listed(measures: Mapping[str, float]) -> str:
     return " ".join(f"{name}={value:.1f}" for name, value in measures.items())

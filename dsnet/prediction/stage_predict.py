@@ -44,7 +44,7 @@ def main(config: PredictConfig) -> None:
         raise DsnetError(
             "predict without --motion",
             "one motion, or a folder of them",
-            "Pass --motion FILE, or run `dsnet infer` for a run's own sequences.",
+            "Pass --motion FILE, or run `dsnet infer` for a run's sequences.",
         )
     if config.out is None:
         raise DsnetError("--motion without --out", "a folder to write", "Pass --out DIR.")
@@ -91,18 +91,18 @@ def _looking_at_it(config: PredictConfig, made: Path) -> Iterator[str]:
     yield from ("dsnet", "export", "--to", "html", "--motion", str(config.motion))
     yield from ("--out", str(page))
     for field in fields(config):
-        said = getattr(config, field.name)
-        if field.name in ("motion", "out", "write") or said == field.default:
+        value = getattr(config, field.name)
+        if field.name in ("motion", "out", "write") or value == field.default:
             continue
         yield f"--{field.name.replace('_', '-')}"
-        if said is not True:
-            yield from said if isinstance(said, tuple) else (str(said),)
+        if value is not True:
+            yield from value if isinstance(value, tuple) else (str(value),)
 
 
-def what_to_write(asked: Sequence[str], motion: Path) -> tuple[str, ...]:
+def what_to_write(write: Sequence[str], motion: Path) -> tuple[str, ...]:
     """The words of `--write`, each of `WRITABLE`, in that order; by default what is usual."""
     otherwise = OF_MANY if motion.is_dir() else OF_ONE
-    words = [word for text in asked for word in text.replace(",", " ").split()]
+    words = [word for text in write for word in text.replace(",", " ").split()]
     if unknown := [word for word in words if word not in WRITABLE]:
         remedy = did_you_mean(unknown[0], WRITABLE, "Pass --write offsets,vertices.")
         raise DsnetError(f"--write {unknown[0]}", f"of {', '.join(WRITABLE)}", remedy)

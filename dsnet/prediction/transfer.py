@@ -2,10 +2,10 @@
 
 The trained body A is brought to the other, B: its shape space is fitted to B's template, its limbs
 turn as B's lie, and each node goes to the vertex of B that is nearest then. What is of the surface
-is B's own: how nodes share vertices, areas, what pulls between nodes. A node's constants go with
-it, so they are functions of the place on the body. Betas of B are told in A's shape space by an
-affine map, so that the known people, and the mean person whom shapes are compared with, stay who
-they are. No vertex number of one body means anything on the other.
+is B's: how nodes share vertices, areas, what pulls between nodes. A node's constants go with
+it, so they are functions of the place on the body. Betas of B become betas in
+A's shape space by an affine map, so that the trained people, and the mean person whom shapes are
+compared with, stay who they are. No vertex number of one body means anything on the other.
 
 The same surface, whatever its numbering, comes back as the same nodes: tests hold it to that.
 """
@@ -32,7 +32,7 @@ from bridge.tissue.shape import shape_measures
 from bridge.tissue.trained_plus import Elsewhere, StaticPart, TrainedPlus
 
 _LIMBS = {"hip": ("knee",), "knee": ("ankle", "foot"), "shoulder": ("elbow",), "elbow": ("wrist",)}
-"""Joints whose bone is long enough to tell how a limb lies, to the joint where it ends; behind
+"""Joints whose bone is long enough to show how a limb lies, to the joint where it ends; behind
 which others turn as it does."""
 _ROUNDS = 30
 _SAMPLES = 2500
@@ -41,13 +41,13 @@ _LEAST_M = 1e-4
 """Of what is taken for usual between two bodies: how far places are off the skin, and joints beside
 their likes. The better the bodies agree, the less it costs to be no mean person."""
 _ALIKE = 50.0
-"""Neighbouring vertices that tell the same."""
+"""Neighbouring vertices that are alike."""
 _FACING = 0.5
 """Least cosine between normals of places that are the same."""
 _NORMAL_M = 0.05
-"""In a search for the nearest place, what a normal that points elsewhere counts."""
-_LEAST_TOLD = 0.05
-"""Of the other body's shapes that say most: what says less in the trained one's is not asked."""
+"""In a search for the nearest place, what a normal that points another way counts."""
+_LEAST_SINGULAR = 0.05
+"""Of the largest singular value of the map of shapes: smaller ones are taken as zero."""
 _FARTHEST_BETA = 3.0
 _LEAST_PIECE = 0.02
 """Of a body's area: a smaller piece, such as an eyeball, has no flesh."""
@@ -65,7 +65,7 @@ def carried(model: TrainedPlus, trained_on: BodyModelData, body: BodyModelData) 
     )
     to_betas, shift = fitted.betas_map()
     mean = _mean_person(to_betas, shift)
-    known, same = (
+    trained_measures, mean_measures = (
         shape_measures(trained_on, betas, model.nodes.vertices[kept])
         for betas in (np.zeros_like(shift), mean @ to_betas + shift)
     )
@@ -76,14 +76,16 @@ def carried(model: TrainedPlus, trained_on: BodyModelData, body: BodyModelData) 
         StaticPart(np.zeros((0, 0, 3), np.float32), model.static.by_pose_m[:, kept]),
         model.people_betas,
         model.look_ahead,
-        Elsewhere(to_betas, shift, shape_measures(body, mean, vertices) * known / same),
+        Elsewhere(
+            to_betas, shift, shape_measures(body, mean, vertices) * trained_measures / mean_measures
+        ),
     )
 
 
 def _mean_person(to_betas: NDArray, shift: NDArray) -> NDArray[np.float64]:
     """(S,) betas of a body that make it the trained one's mean person, whose surface carries the
     nodes of all people; not more than a person's."""
-    mean = np.linalg.lstsq(to_betas.T, -shift, rcond=_LEAST_TOLD)[0]
+    mean = np.linalg.lstsq(to_betas.T, -shift, rcond=_LEAST_SINGULAR)[0]
     return mean * min(1.0, _FARTHEST_BETA / max(float(np.abs(mean).max()), 1e-9))
 
 
@@ -137,27 +139,27 @@ class _Fitted:
             wanted = wanted + by_beta.T @ (trust * apart_m)
         return np.linalg.solve(hessian, wanted)
 
-    def _own(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _trained(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Vertices (V, 3) and joints (22, 3) of the trained body in its shape."""
         vertices = shaped_vertices(self._body, self.betas[None])[0]
         return vertices, (self._body.J_regressor @ vertices)[:N_JOINTS]
 
     def _bones(self) -> tuple[NDArray, NDArray]:
         """Joints apart (66,), metres, and what betas do (66, B), about the trunk."""
-        _, own = self._own()
-        apart = self._frame.about_trunk(self._others_joints) - self._frame.about_trunk(own)
+        _, joints = self._trained()
+        apart = self._frame.about_trunk(self._others_joints) - self._frame.about_trunk(joints)
         return apart.ravel(), self._frame.about_trunk(self._by_shape).reshape(apart.size, -1)
 
     def _brought(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """Vertices (V, 3) of the trained body where the other's template has them, and normals."""
-        own, joints = self._own()
+        vertices, joints = self._trained()
         turns = self._frame.turns(joints, self._others_joints)
-        places = self._frame.moved(own, joints, self._others_joints, turns)
+        places = self._frame.moved(vertices, joints, self._others_joints, turns)
         return places, vertex_normals(places, self._body.faces)
 
     def _brought_directions(self, rows: NDArray) -> NDArray[np.float64]:
         """(N, 3, B) what betas of the trained body do there, about limbs and trunk."""
-        turns = self._frame.turns(self._own()[1], self._others_joints)
+        turns = self._frame.turns(self._trained()[1], self._others_joints)
         still = np.zeros_like(self._by_shape)
         return self._frame.moved(self._body.shapedirs[rows], self._by_shape, still, turns, rows)
 
@@ -167,8 +169,8 @@ class _Fitted:
         return near, (self._normals[near] * normals).sum(1) > _FACING
 
     def nodes(self, vertices: NDArray) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
-        """Where nodes at some vertices of the trained body go, and which of them: each to a place
-        of its own."""
+        """Where nodes at some vertices of the trained body go, and which of them: no two to the
+        same."""
         places, normals = self._brought()
         near, facing = self._nearest(places[vertices], normals[vertices])
         far = np.linalg.norm(self._surface[near] - places[vertices], axis=1) + ~facing

@@ -43,17 +43,17 @@ def carried_over(
     Parameters
     ----------
     made_of : digest of the model and whatever it was made of.
-    trained_on : gives the body that it was trained on, which is asked for only if nothing is kept.
+    trained_on : gives the body that it was trained on, called only if nothing is kept.
     """
     digest = body_digest(body)
     name = json_sha256([_METHOD, __version__, made_of, digest])
     kept = cache_folder() / f"{name}.safetensors"
     with suppress(OSError, DsnetError):  # a cache that cannot be read is none
         if (arrays := load_checkpoint(kept)) is not None:
-            found = TrainedPlus.from_arrays(arrays)
-            sizes = found.beta_count, len(found.nodes.owners)
-            if found.elsewhere and sizes == (body.shapedirs.shape[-1], body.vertex_count):
-                return found
+            model = TrainedPlus.from_arrays(arrays)
+            sizes = model.beta_count, len(model.nodes.owners)
+            if model.elsewhere and sizes == (body.shapedirs.shape[-1], body.vertex_count):
+                return model
     home = trained_on()
     if body_digest(home) == digest:
         return model

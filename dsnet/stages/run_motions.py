@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from bridge.body import load_paper_body
 from bridge.errors import notify
 from bridge.motion import MotionSequence, sequences_of, subject_rows
-from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import PeopleOfFolders, find_motion_files, subject_and_motion
-from bridge.motion.resampling import load_motion_file
+from bridge.motion.resampling import load_motion
 from bridge.runs import Artifact, Run
 from bridge.runs.run import body_model_path
-from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shape_space import with_betas_on
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +62,15 @@ def gather(
     for path in files:
         body = body or load_paper_body(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
-        motion = load_motion_file(path, source_fps)
-        pieces, smoothing = pieces_between_cuts(motion.theta), "`dsnet predict --smooth-hz auto`"
-        for warning in motion_warnings(motion, pieces, "--amass-fps", smoothing):
+        motion = load_motion(path, source_fps)
+        smoothing = "`dsnet predict --smooth-hz auto`"
+        for warning in motion_warnings(motion, None, "--amass-fps", smoothing):
             notify(warning)
         # Those whom the run was aligned with keep the shape that was fitted.
         if subject not in fitted:
             subject = people.of_shape(subject, motion.betas)
         if subject not in shapes:
-            stated[subject], shapes[subject] = motion.betas, with_own_shape(motion, body).betas
+            stated[subject], shapes[subject] = motion.betas, with_betas_on(motion, body).betas
         shape = shapes[subject]
         motion = motion.about_root_joint(
             (body.J_regressor @ (body.v_template + body.shapedirs @ shape))[0]

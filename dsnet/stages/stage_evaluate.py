@@ -11,20 +11,19 @@ import numpy as np
 from tyro.conf import Fixed
 
 from bridge.errors import DsnetError, notify
-from bridge.motion import load_motion_file
 from bridge.motion.motion import HowRead
 from bridge.options import PositiveFloat
 from bridge.runs import Run
 from dsnet.evaluation.evaluation import evaluate_run
-from dsnet.markers.bone_pose import bony_motion
-from dsnet.markers.marker_files import pose_file, read_markers
+from dsnet.markers.bone_pose import bone_motion
+from dsnet.markers.marker_files import load_recording, markers_of
 from dsnet.markers.registration import register
 from dsnet.markers.segments import CUT_HZ
 from dsnet.markers.skin import BANDS_HZ, Comparison, Row, compare_offsets
 from dsnet.prediction.load_model import load_model
 from dsnet.prediction.moving_body import MovingBody, persons_root_joint_m
 from dsnet.prediction.out_folder import open_out_folder
-from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shape_space import with_betas_on
 
 _FOOTER = "markers: measured on a person; body and its flesh: a model"
 _OF_FILE, _BONY = "pose of the file", "pose whose chest follows markers on bone"
@@ -76,18 +75,18 @@ def main(config: EvaluateConfig) -> None:
 def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     """Compare what a predictor makes of a motion with the markers of that motion."""
     run = None if config.run is None else Run(config.run)
-    motion = load_motion_file(pose_file(markers), config.motion_fps, how=HowRead(up="z"))
+    motion = load_recording(markers, config.motion_fps, HowRead(up="z"))
     trained = load_model(run, None, motion.gender)
-    motion = with_own_shape(motion, trained.body)  # where it is, the markers say
+    motion = with_betas_on(motion, trained.body)  # where it is, the markers say
     motion = motion.about_root_joint(persons_root_joint_m(motion, trained.body))
     moving = MovingBody(trained, motion)
-    found = read_markers(markers, motion.source_fps, motion.duration_s)
-    if found.note:
-        notify(f"{markers}: {found.note}")
-    registered = register(moving.body, motion, found)
+    read = markers_of(motion)
+    if read.note:
+        notify(f"{markers}: {read.note}")
+    registered = register(moving.body, motion, read)
     bodies = {_OF_FILE: moving}
     try:
-        bony = bony_motion(moving.body, motion, registered.cloud)
+        bony = bone_motion(moving.body, motion, registered.cloud)
         bodies[_BONY] = MovingBody(trained, bony)
     except DsnetError as error:
         notify(f"the pose of the file alone is measured: {error}")
@@ -120,8 +119,8 @@ def write_comparisons(
     """
     from dsnet.report.pages import render
 
-    found = {name: comparison.summary() for name, comparison in comparisons.items()}
-    path_of("markers.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    rows = {name: comparison.summary() for name, comparison in comparisons.items()}
+    path_of("markers.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     page = render("markers.md.j2", comparisons=comparisons, cut_hz=CUT_HZ, bands_hz=BANDS_HZ)
     path_of("markers.md").write_text(page, encoding="utf-8")
     _draw(path_of("markers.png"), comparisons, fps)

@@ -70,7 +70,7 @@ def main(config: InferConfig) -> None:
     has_plus = run.finished(TRAIN_PLUS)
     works = [infer_networks(config)] if run.finished(TRAIN) or not has_plus else []
     works += [infer_plus(config)] if has_plus else []
-    for work in works:  # what one of them is refused for is told before either begins
+    for work in works:  # a refusal of one comes before either begins
         work()
 
 

@@ -26,10 +26,10 @@ from bridge.motion.cuts import is_cut
 from bridge.motion.resampling import between, going_on
 from bridge.motion.smoothing import StreamSmoother
 from bridge.tissue.trained_plus import TrainedPlus
-from dsnet.prediction.load_model import Source, body_asked, find_model, load_model
+from dsnet.prediction.load_model import Source, find_model, load_model, requested_body
 from dsnet.prediction.models import Model, PlusModel, finished
 from dsnet.prediction.moving_body import place_motion
-from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shape_space import with_betas_on
 from dsnet.stream.frame_clock import FrameClock
 from dsnet.stream.stream_checks import Oddities, checked_betas, checked_pose
 
@@ -60,7 +60,7 @@ class Stream:
     stderr.
 
     The model computes 60 ticks a second. At another rate poses are interpolated to ticks, as
-    `load_motion_file` resamples files of 60 and more frames a second (through slower ones it lays
+    `load_motion` resamples files of 60 and more frames a second (through slower ones it lays
     splines, which look ahead), and what is made of ticks to frames. Answers are `latency_frames`
     late: the model looks ahead by some ticks, and a frame needs the ticks before and after it.
 
@@ -101,7 +101,7 @@ class Stream:
                 own = body.gender if body.gender in EMBEDDED_GENDERS else gender
                 self._model = find_model(model, predictor, own).open(body)
             else:
-                found = load_model(model, predictor, gender, body_asked(body), more_betas=_MANY)
+                found = load_model(model, predictor, gender, requested_body(body), more_betas=_MANY)
                 self._model, body = found.model, found.body
         self._body, self._skin = body, Smpl(body, hands=False)
         self._characters: dict[int, _Character] = {}
@@ -121,7 +121,7 @@ class Stream:
         """A motion as its file has it, made one of these bodies: its `betas` are for `join`, its
         `theta`, y up and about the body's own root joint, for `step`.
         """
-        return place_motion(with_own_shape(motion, self._body), self._body)
+        return place_motion(with_betas_on(motion, self._body), self._body)
 
     def join(self, betas: ArrayLike) -> int:
         """Let a person of shape betas in, (10,) or more if the body has; the number is hers, and

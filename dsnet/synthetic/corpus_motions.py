@@ -13,7 +13,7 @@ from bridge.body import BodyModelData
 from bridge.body.posing import full_pose, shaped_joints
 from bridge.motion import unpack_theta
 from bridge.motion.motion import HowRead, amass_poses
-from bridge.motion.resampling import load_motion_file
+from bridge.motion.resampling import load_motion
 from bridge.paper import FPS
 from dsnet.synthetic.motions import Skeleton, perform
 from dsnet.synthetic.recordings import MOSH_FPS, Recording
@@ -43,7 +43,7 @@ class CorpusMotions:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "motion.npz"
             self.write_amass(path, recording)
-            motion = load_motion_file(path, fps=FPS, how=HowRead(up="z"))
+            motion = load_motion(path, fps=FPS, how=HowRead(up="z"))
         motion = motion.about_root_joint(self._root_joint_m(recording.subject))
         return motion.theta.astype(np.float32)
 
@@ -57,7 +57,7 @@ class CorpusMotions:
         if source is None:
             theta = self.procedural(recording, fps)
         else:
-            motion = load_motion_file(source, fps, fps, recording.smooth_hz)
+            motion = load_motion(source, fps, fps, recording.smooth_hz)
             theta = motion.about_root_joint(joint_m).theta[: recording.frame_count]
         write_amass_motion(
             path,

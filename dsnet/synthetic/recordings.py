@@ -22,7 +22,7 @@ from bridge.motion.readers import (
     read_motion_file,
     subject_and_motion,
 )
-from bridge.motion.resampling import load_motion_file, resampled_frames
+from bridge.motion.resampling import load_motion, resampled_frames
 from bridge.motion.smoothing import SmoothHz
 from bridge.motion.splits import take_suffix
 from bridge.options import Bounds, NonNegativeInt, PositiveFloat, Seed
@@ -226,7 +226,7 @@ def _real(config: CorpusConfig, files: Iterable[Path]) -> list[Recording]:
         if frames - 1 < _SHORTEST_S * fps:
             notify(f"{path}: left out; shorter than {_SHORTEST_S:g} s")
             continue
-        motion = load_motion_file(path, fps, smooth_hz=smooth_hz)
+        motion = load_motion(path, fps, smooth_hz=smooth_hz)
         used = slice(0, resampled_frames(frames, fps))
         for warning in motion_warnings(motion, [used], "--amass-fps", "--amass-smooth-hz auto"):
             notify(warning)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError, notify
 from bridge.exchange.dsnet import dsnets_of
-from bridge.motion import Motion, MotionSequence, load_motion_file, sequences_of, subject_rows
+from bridge.motion import Motion, MotionSequence, load_motion, sequences_of, subject_rows
 from bridge.motion.motion import HowRead
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import subject_and_motion
@@ -30,7 +30,7 @@ from dsnet.markers.bone_pose import flesh_in_pose
 from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.load_model import PIPELINES, TrainedModel, load_model
 from dsnet.prediction.moving_body import MovingBody, place_motion
-from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shape_space import with_betas_on
 
 AVERAGE = "average shape"
 TRUTH = "truth"
@@ -148,8 +148,8 @@ def _dsnets_of(run: Run) -> dict[str, str]:
 
 def _of_file(path: Path, body: BodyModelData, sequence: str = "") -> ViewedMotion:
     def read() -> Motion:
-        motion = load_motion_file(path, how=HowRead(up="z"))
-        return place_motion(with_own_shape(motion, body), body)
+        motion = load_motion(path, how=HowRead(up="z"))
+        return place_motion(with_betas_on(motion, body), body)
 
     return ViewedMotion(read, sequence)
 

@@ -14,7 +14,7 @@ import pytest
 
 import dsnet
 from bridge.body import load_body_model
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.runs import Run, read_artifact
 from bridge.tissue.trained_plus import NAME
 from dsnet.cli import main
@@ -89,7 +89,7 @@ def test_a_loaded_one_predicts_a_folder_of_motions(run, tmp_path):
 
 def test_it_streams_what_it_predicts(run, predicted):
     bodies = Stream("r", "gru")
-    motion = bodies.placed(load_motion_file(Path(MOTION)))
+    motion = bodies.placed(load_motion(Path(MOTION)))
     who = bodies.join(motion.betas)
     moved = [bodies.step({who: theta})[who] for theta in motion.theta]
     for name, each in (
@@ -102,7 +102,7 @@ def test_it_streams_what_it_predicts(run, predicted):
 def test_the_exported_graph_gives_what_it_predicts(run, predicted, tmp_path):
     path = tmp_path / "gru.onnx"
     main(["export", "--to", "onnx", *ASKED, "--out", str(path)])
-    motion = Stream("r", "gru").placed(load_motion_file(Path(MOTION)))
+    motion = Stream("r", "gru").placed(load_motion(Path(MOTION)))
     theta, betas = (array.astype(np.float32) for array in (motion.theta, motion.betas))
     found_m = GraphSession(onnx.load_model(path)).rolled(theta[:, None], betas[None])[:, 0]
     np.testing.assert_allclose(found_m, predicted["vertices"], atol=1e-5)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bridge.motion import Motion, load_motion_file
+from bridge.motion import Motion, load_motion
 from bridge.motion.motion import HowRead
 
 
@@ -80,10 +80,10 @@ def load_amass_motion(
     path: Path | str, *, root_joint_m: ArrayLike | None = None, **options: Any
 ) -> Motion:
     """A file as z up, whatever its bodies do, made y up, about a root joint (3,) where given."""
-    motion = load_motion_file(path, how=HowRead(up="z"), **options)
+    motion = load_motion(path, how=HowRead(up="z"), **options)
     return motion if root_joint_m is None else motion.about_root_joint(root_joint_m)
 
 
 def load_as_it_lies(path: Path | str) -> Motion:
     """A file at 60 Hz that is not turned: as if it were y up."""
-    return load_motion_file(path, how=HowRead(up="y"))
+    return load_motion(path, how=HowRead(up="y"))

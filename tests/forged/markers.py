@@ -16,6 +16,7 @@ from bridge.body.posing import Smpl
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.motion.readers.amass import motion_path
+from dsnet.markers.marker_files import Markers, load_recording, markers_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +56,11 @@ def marker_file(
     arrays: dict[str, Any] = {"marker_data": points, "marker_labels": labels, **pose_arrays()}
     np.savez(path, **arrays)
     return path
+
+
+def markers_in(path: Path, fps: float | None = None) -> Markers:
+    """The markers beside a file's pose, at another rate than it says where one is given."""
+    return markers_of(load_recording(path, fps))
 
 
 def stageii(known: Known, per_frame: int = 1) -> dict[str, Any]:

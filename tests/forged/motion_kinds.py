@@ -28,8 +28,7 @@ from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
-from bridge.motion import Motion, load_motion_file, unpack_theta
-from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion import Motion, load_motion, unpack_theta
 from bridge.motion.motion import AS_IT_SAYS, HowRead
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.skeletons import OWN_NAMES
@@ -65,7 +64,7 @@ def about(axis: str, degrees: float) -> np.ndarray:
 @cache
 def walk() -> tuple[np.ndarray, np.ndarray]:
     """Pose (T, 22, 3) and places of the pelvis (T, 3), metres, y up."""
-    pose, places_m = unpack_theta(load_motion_file("sample:walking").theta[:FRAMES])
+    pose, places_m = unpack_theta(load_motion("sample:walking").theta[:FRAMES])
     return pose, np.asarray(places_m, np.float64)
 
 
@@ -349,8 +348,8 @@ class Kind:
     def read(self, folder: Path) -> tuple[Motion, list[str]]:
         """The motion, and what is told of it."""
         with contextlib.redirect_stderr(io.StringIO()):
-            motion = load_motion_file(self.write(folder), self.fps, how=self.how)
-        return motion, motion_warnings(motion, pieces_between_cuts(motion.theta))
+            motion = load_motion(self.write(folder), self.fps, how=self.how)
+        return motion, motion_warnings(motion)
 
 
 _UNREAL = named("pelvis,spine_01,spine_02,spine_03,neck_01,head",

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bridge.body import load_body_model
 from bridge.body.containers import load_dmpl_directions
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from tests.forged import amass, bvh
 from tests.forged.motion_kinds import KINDS
 from tests.fuzz.mutations import Draw, Files, damaged, damaged_npz
@@ -38,7 +38,7 @@ def files(draw: Draw) -> Files:
 def read(folder: Path) -> None:
     """As a motion at 60 fps, at a rate that the user says."""
     (path,) = folder.iterdir()
-    load_motion_file(path, 60.0)
+    load_motion(path, 60.0)
 
 
 @st.composite

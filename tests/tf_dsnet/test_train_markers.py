@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
 from bridge import DsnetError
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.runs import Run
 from bridge.runs.run import TRAIN_MARKERS
 from bridge.tissue.trained_plus import TrainedPlus
@@ -30,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         base = load_model(None, None, gender)
         model = flesh_model(base.body, packaged(gender), {"chest": Flesh(3.2, 0.25, 2.0)})
         betas = np.full(10, 0.1 * number)
-        motion = load_motion_file(Path("sample:jumping_jacks"))
+        motion = load_motion(Path("sample:jumping_jacks"))
         motion = replace(motion, betas=betas).about_root_joint(root_joint_m(base.body, betas))
         theta = np.asarray(motion.theta[:150], np.float64)
         write_take(out / f"take{number}.npz", PlusModel(model, base.body), base.body, betas, theta,

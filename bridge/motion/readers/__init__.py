@@ -1,7 +1,7 @@
 """Files of motions: one line a format, and which files of a folder are motions.
 
-A new format is a module here and its line in `READERS`. The order is that in which they are asked;
-what none of them knows is refused by its name.
+A new format is a module here and its line in `READERS`. They are tried in this order;
+what none of them reads is refused by its name.
 """
 
 from __future__ import annotations
@@ -95,16 +95,16 @@ def _suffixes() -> list[str]:
     return [suffix for reader in READERS.values() for suffix in reader.suffixes]
 
 
-def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> list[Path]:
+def find_motion_files(folder: Path, gender: str, existing: Iterable[str] = ()) -> list[Path]:
     """The motions below `folder` that a body model of `gender` can follow, in order of path.
 
     Left out, with one line on stderr that counts them: files without `poses` (`shape.npz`,
     `*_stagei.npz`, body models); people of the other gender, whose shape coefficients mean
-    something else; and motions whose name is already there: those of `known` (`DFaust` holds the
+    something else; and motions whose name is already there: those of `existing` (`DFaust` holds the
     very motions that Dyna's meshes show) and second copies (SMPL-H beside SMPL-X).
     """
     other = {"female": "male", "male": "female"}.get(gender)
-    taken, motions, left_out = set(known), [], Counter[str]()
+    taken, motions, left_out = set(existing), [], Counter[str]()
     for path in files_below(folder):
         name = "_".join(subject_and_motion(path))
         stated = stated_gender(path)
@@ -151,16 +151,16 @@ class PeopleOfFolders:
     def __init__(self, shapes: Mapping[str, NDArray]) -> None:
         self._shapes = shapes
         # By folder's name, who has which shape: a folder may hold thousands of people.
-        self._known: dict[str, dict[tuple[float, ...], str]] = {}
+        self._names: dict[str, dict[tuple[float, ...], str]] = {}
 
     def of_shape(self, name: str, betas: NDArray) -> str:
         """Who is called `name` and has the shape `betas` (10,), or a new name."""
-        known, shape = self._known.setdefault(name, {}), tuple(betas.tolist())
-        for number in count(len(known) + 1):
-            if shape in known:
+        names, shape = self._names.setdefault(name, {}), tuple(betas.tolist())
+        for number in count(len(names) + 1):
+            if shape in names:
                 break
             one = name if number == 1 else f"{name}-{number}"
             if one not in self._shapes:
                 return one
-            known.setdefault(tuple(self._shapes[one].tolist()), one)
-        return known[shape]
+            names.setdefault(tuple(self._shapes[one].tolist()), one)
+        return names[shape]

@@ -6,6 +6,7 @@ the short synthetic motions of the package, which are such files.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from bridge.body.containers import npz_fields
 from bridge.errors import DsnetError, did_you_mean
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
 from bridge.motion.readers.joint_rotations import unusable
+from bridge.motion.readers.markers import markers_beside_poses
 from bridge.motion.readers.smpl_arrays import motion_of
 from bridge.motion.readers.smpl_fields import (
     BETAS_KEYS,
@@ -44,7 +46,7 @@ _MOST_BYTES |= {"dmpls": MOST_FRAMES * 64} | dict.fromkeys(BETAS_KEYS, MOST_FRAM
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file, or a sample that comes with the package (`sample:walking`)."""
-    # Other arrays (markers) may be large or pickled; they are not touched.
+    # Other arrays may be large or pickled; they are not touched.
     # It may be a sample's name alone.
     missing = did_you_mean(
         str(path), () if path.suffix else SAMPLES, "Check the path.", SAMPLE_PREFIX
@@ -55,7 +57,8 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
         unread = PART_KEYS if whole else ()
         wanted = {key: most for key, most in _MOST_BYTES.items() if key not in unread}
         arrays = arrays_of(npz_fields(archive, wanted), strict=True)
-    return motion_of(path, arrays, how)
+        markers = markers_beside_poses(archive, motion_path(path))
+    return replace(motion_of(path, arrays, how), markers=markers)
 
 
 def gender_of(path: Path) -> str | None:
@@ -74,11 +77,11 @@ def motion_path(name_or_path: Path | str) -> Path:
         return Path(name_or_path)
     sample = name.removeprefix(SAMPLE_PREFIX)
     if sample not in SAMPLES:
-        known = ", ".join(SAMPLE_PREFIX + sample for sample in SAMPLES)
+        samples = ", ".join(SAMPLE_PREFIX + sample for sample in SAMPLES)
         remedy = did_you_mean(
             sample, SAMPLES, "Name one of these, or an AMASS file.", SAMPLE_PREFIX
         )
-        raise DsnetError(f"motion {name}", known, remedy)
+        raise DsnetError(f"motion {name}", samples, remedy)
     return sample_path(sample)
 
 

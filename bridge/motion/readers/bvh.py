@@ -37,7 +37,7 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
         skeleton = _skeleton(path, lines)
     motion = retargeted(skeleton, how)
     first = frames_of_rest_pose(motion.pose, motion.fps) if motion.fps > 0 else 0
-    return replace(motion, theta=motion.theta[first:], rest_pose_frames=first)
+    return replace(motion.frames(slice(first, None)), rest_pose_frames=first)
 
 
 @dataclass
@@ -66,18 +66,18 @@ def _skeleton(path: Path, lines: list[str]) -> SkeletonMotion:
         others = ", ".join(joints[n].name for n in roots[1:])[:100]
         notes.append(f"{path} holds {len(roots)} people: the first is read, not that of {others}")
         joints = joints[: roots[1]]
-    found = _moving(path, joints, np.array(rows))
-    most_deg = np.degrees(np.abs(found.angles_rad[:, 1:]).max(initial=0))
+    skeleton = _moving(path, joints, np.array(rows))
+    most_deg = np.degrees(np.abs(skeleton.angles_rad[:, 1:]).max(initial=0))
     if len(rows) > 1 and most_deg < _LIKE_RADIANS:
         notes.append(
             f"{path} turns no joint by more than {most_deg:.2g} degrees: if these are radians, "
             "convert them"
         )
-    found = replace(found, fps=_rate(frame_s), notes=tuple(notes))
-    if not RATES_HZ[0] <= found.fps <= RATES_HZ[1] and not np.isnan(found.fps):
+    skeleton = replace(skeleton, fps=_rate(frame_s), notes=tuple(notes))
+    if not RATES_HZ[0] <= skeleton.fps <= RATES_HZ[1] and not np.isnan(skeleton.fps):
         remedy = "'Frame Time' is the seconds from one frame to the next."
-        raise unusable(path, f"at {found.fps:.3g} frames a second", remedy)
-    return found
+        raise unusable(path, f"at {skeleton.fps:.3g} frames a second", remedy)
+    return skeleton
 
 
 def _rate(frame_s: float) -> float:
@@ -129,12 +129,12 @@ def _hierarchy(lines: Iterable[str]) -> tuple[list[_Joint], int]:
 
 
 def _rows(lines: Iterable[str], width: int) -> tuple[float, float, list[NDArray[np.float64]]]:
-    """How many frames are declared, seconds of one (nan: not said), and their numbers."""
-    said = {"frames": np.nan, "frametime": np.nan}
+    """How many frames are declared, seconds of one (nan: not stated), and their numbers."""
+    stated = {"frames": np.nan, "frametime": np.nan}
     rows: list[NDArray[np.float64]] = []
     for line in lines:
-        if found := _HEAD.fullmatch(line.strip()):
-            said["".join(found[1].lower().split())] = float(found[2])
+        if head := _HEAD.fullmatch(line.strip()):
+            stated["".join(head[1].lower().split())] = float(head[2])
         elif words := line.split():
             if len(words) != width:
                 if any(word.lower() in ("nan", "inf", "-inf") for word in words):
@@ -145,7 +145,7 @@ def _rows(lines: Iterable[str], width: int) -> tuple[float, float, list[NDArray[
             rows.append(np.array(words, np.float64))
     if not rows:
         raise ValueError("no frames")
-    return said["frames"], said["frametime"] or np.nan, rows
+    return stated["frames"], stated["frametime"] or np.nan, rows
 
 
 def _moving(path: Path, joints: list[_Joint], rows: NDArray[np.float64]) -> SkeletonMotion:

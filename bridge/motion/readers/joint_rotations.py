@@ -1,5 +1,5 @@
 """Rotations of joints as arrays, in the layouts that people write: axis-angle, matrices, two of
-their lines or columns; flat or by joint. What is refused is told in the same words of all.
+their lines or columns; flat or by joint. All refuse in the same words.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def unusable(path: Path, flaw: str, remedy: str = "Download the file again.") ->
 def finite(
     path: Path, name: str, array: NDArray, frame_count: int | None = None
 ) -> NDArray[np.float64]:
-    """An array of a file, which has a row of numbers for each of so many frames if these are said;
+    """An array of a file, which has a row of numbers for each of so many frames if these are given;
     `DsnetError` if not, or if it holds anything but finite numbers."""
     if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
         raise unusable(path, f"whose {name!r} are not all finite numbers")
@@ -59,10 +59,10 @@ def axis_angles(path: Path, parts: Mapping[str, NDArray]) -> NDArray[np.float64]
     is_six = np.repeat(is_six, [part.shape[1] for part in parts.values()])
     if not is_six.any():
         return pose
-    told = pose.shape[1] > _KNEES[-1] and is_six[_KNEES].all() and len(pose)
-    knees_rad = float(pose[:, _KNEES, 0].mean()) if told else 0.0
+    has_knees = pose.shape[1] > _KNEES[-1] and is_six[_KNEES].all() and len(pose)
+    knees_rad = float(pose[:, _KNEES, 0].mean()) if has_knees else 0.0
     if abs(knees_rad) < _LEAST_KNEE_RAD:
-        flaw = "of six numbers a joint, whose knees do not tell whether these are lines or columns"
+        flaw = "of six numbers a joint, whose knees do not show whether these are lines or columns"
         raise unusable(path, flaw, "Store axis-angle rotations.")
     return np.where(is_six[:, None] & (knees_rad < 0), -pose, pose)
 
@@ -90,10 +90,10 @@ def by_joint(path: Path, name: str, array: NDArray, least: int = N_JOINTS) -> ND
         case (count, width) if width in _SIX and least == N_JOINTS:
             return array.reshape(count, width // 6, 6)
         case shape:
-            known = ", ".join(f"{width} ({model})" for width, model in WIDTHS.items())
+            widths = ", ".join(f"{width} ({model})" for width, model in WIDTHS.items())
             raise DsnetError(
                 f"{path}, whose {name!r} have shape {shape}",
-                f"(frames, width) with a width of {known}, or (frames, joints, 3)",
+                f"(frames, width) with a width of {widths}, or (frames, joints, 3)",
                 "Pass poses of SMPL, SMPL-H or SMPL-X.",
             )
 

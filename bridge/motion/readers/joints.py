@@ -1,5 +1,5 @@
 """Places of SMPL's joints, as HumanML3D (`new_joints`) and MDM (`results.npy`) have them: `.npy` of
-(T, 22, 3), 20 frames a second, y up. Other `.npy` that hold motions are known by what is in them:
+(T, 22, 3), 20 frames a second, y up. Other `.npy` that hold motions are recognised by their arrays:
 Motion-X's (T, 322) of SMPL-X, MDM's `*_smpl_params.npy` (`thetas` (24, 6, T)), and dictionaries of
 SMPL's arrays.
 
@@ -7,7 +7,7 @@ Rotations are found by inverse kinematics in closed form.
 Pelvis and chest are turned onto their three bones each, all others by the shortest turn from the
 joint above. A thigh or an upper arm then turns about itself until its knee or elbow bends in the
 plane in which the file's bends, the more so the more it is bent. How forearms, hands and the head
-turn about themselves, places do not tell.
+turn about themselves, places do not say.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from bridge.body.pickled_arrays import as_array
 from bridge.body.safe_pickle import load_restricted_item
 from bridge.errors import DsnetError
 from bridge.motion.directions import shortest_turn, unit
-from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion, pack_theta
+from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
 from bridge.motion.readers import pickles
 from bridge.motion.readers.smpl_arrays import motion_of
 from bridge.motion.retargeting import (
@@ -37,6 +37,7 @@ from bridge.motion.retargeting import (
     upright_turn,
 )
 from bridge.motion.skeletons import OWN_NAMES
+from bridge.motion.theta import pack_theta
 from bridge.paper import N_BETAS, N_JOINTS
 from bridge.runs.untrusted import NpyHeader, file_refused, open_regular, read_npy
 
@@ -65,19 +66,19 @@ _HINGES = {1: (4, 7), 2: (5, 8), 16: (18, 20), 17: (19, 21)}
 _HINGE_AXES = {1: (1.0, 0.0, 0.0), 2: (1.0, 0.0, 0.0), 16: (0.0, -1.0, 0.0), 17: (0.0, 1.0, 0.0)}
 """About which it bends, in the rest pose."""
 _STRAIGHT, _BENT = 0.1, 0.35
-"""Sines of the bend below which it tells nothing, and above which it tells all."""
+"""Sines of the bend below which it is not used, and above which it alone is."""
 _REMEDY = "Pass the places of SMPL's 22 joints, or poses as .npz."
 
 
 def gender_of(path: Path) -> str | None:
-    """No such file tells; None of other arrays."""
+    """No such file says; None of other arrays."""
     try:
         with open_regular(path, _MOST_BYTES) as file:
             shape = NpyHeader.read(file).shape
     except (OSError, ValueError):
         return None
-    known = (N_JOINTS, 3), (24, 3), (_MOTION_X_WIDTH,)
-    return "unknown" if shape[1:] in known else None
+    shapes = (N_JOINTS, 3), (24, 3), (_MOTION_X_WIDTH,)
+    return "unknown" if shape[1:] in shapes else None
 
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
@@ -85,15 +86,15 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     with file_refused(path, _refused, _REMEDY), open_regular(path, _MOST_BYTES) as file:
         has_objects = NpyHeader.read(file).dtype.hasobject
         file.seek(0)
-        found = load_restricted_item(file) if has_objects else read_npy(file)
-        if isinstance(found, dict) and _MDM not in found:
+        stored = load_restricted_item(file) if has_objects else read_npy(file)
+        if isinstance(stored, dict) and _MDM not in stored:
             return pickles.read(path, how)
-        if isinstance(found, dict) and _MDM_TURNS in found:
-            turns, places = (as_array(found[key]) for key in (_MDM_TURNS, "root_translation"))
+        if isinstance(stored, dict) and _MDM_TURNS in stored:
+            turns, places = (as_array(stored[key]) for key in (_MDM_TURNS, "root_translation"))
             arrays = {"poses": turns.transpose(2, 0, 1), "trans": places.T}
             return motion_of(path, arrays, how, _FPS)
         joints, notes = (
-            _of_samples(path, found) if isinstance(found, dict) else (as_array(found), [])
+            _of_samples(path, stored) if isinstance(stored, dict) else (as_array(stored), [])
         )
     if joints.ndim == 2 and joints.shape[1] == _MOTION_X_WIDTH:
         arrays = {name: joints[:, columns] for name, columns in _MOTION_X.items()}
@@ -117,13 +118,13 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     return replace(motion, notes=(*notes, *motion.notes))
 
 
-def _of_samples(path: Path, found: dict[str, Any]) -> tuple[NDArray, list[str]]:
+def _of_samples(path: Path, stored: dict[str, Any]) -> tuple[NDArray, list[str]]:
     """(T, 22, 3) of the first of MDM's samples (N, 22, 3, T), which are filled up to the longest,
-    and what is to be said of it."""
-    motions = as_array(found[_MDM])
+    and notes about it."""
+    motions = as_array(stored[_MDM])
     if motions.ndim != 4 or not len(motions):
         raise ValueError(f"motions of shape {motions.shape}")
-    length = int(as_array(found["lengths"]).flat[0]) if "lengths" in found else motions.shape[3]
+    length = int(as_array(stored["lengths"]).flat[0]) if "lengths" in stored else motions.shape[3]
     more = [f"{path} holds {len(motions)} samples: the first is read"] if len(motions) > 1 else []
     return motions[0, :, :, : max(length, 0)].transpose(2, 0, 1), more
 
@@ -212,8 +213,8 @@ def _twisted(
     hinge = world @ np.array(rest_axis)
     hinge = unit(hinge - (hinge * bone).sum(axis=1, keepdims=True) * bone)
     sine = np.linalg.norm(axis, axis=1, keepdims=True)
-    told = np.clip((sine - _STRAIGHT) / (_BENT - _STRAIGHT), 0, 1)
-    towards = (1 - told) * hinge + told * axis / np.maximum(sine, 1e-12)
+    share = np.clip((sine - _STRAIGHT) / (_BENT - _STRAIGHT), 0, 1)
+    towards = (1 - share) * hinge + share * axis / np.maximum(sine, 1e-12)
     cosine, across = (hinge * towards).sum(axis=1), np.cross(hinge, towards)
     angle = np.arctan2((across * bone).sum(axis=1), cosine)
     return Rotation.from_rotvec(bone * angle[:, None]).as_matrix() @ world

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,10 @@ from bridge.body.containers import load_torch
 from bridge.body.pickled_arrays import as_array
 from bridge.body.safe_pickle import MOST_OPCODES, load_restricted, load_restricted_item
 from bridge.errors import DsnetError
+from bridge.motion.markers import MarkerFile
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
 from bridge.motion.readers.joint_rotations import unusable
+from bridge.motion.readers.markers import from_mosh, within
 from bridge.motion.readers.smpl_arrays import motion_of
 from bridge.motion.readers.smpl_fields import (
     BODY_KEYS,
@@ -52,10 +55,10 @@ _DETAILS = "stageii_debug_details"
 
 
 def gender_of(path: Path) -> str | None:
-    """The gender that a file states; which is a motion, only reading it tells. A damaged one is
-    refused if it is MoSh++'s by its name."""
+    """The gender that a file states; the whole file is read. A damaged one is refused if it is
+    MoSh++'s by its name."""
     try:
-        _, people = opened(path)
+        _, people = _opened(path)
     except DsnetError:
         if path.stem.endswith(OF_MOSH):
             raise
@@ -65,8 +68,8 @@ def gender_of(path: Path) -> str | None:
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file; of several people the one who is seen longest."""
-    found, people = opened(path)
-    if not people and isinstance(found, dict) and _CAMERA in found:
+    stored, people = _opened(path)
+    if not people and isinstance(stored, dict) and _CAMERA in stored:
         remedy = f"Export the world's ({_WORLD}) too."
         raise unusable(path, "whose poses are in the space of a camera alone", remedy)
     with file_refused(path, unusable, _REMEDY):
@@ -80,13 +83,15 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
         raise unusable(path, flaw, "Stack the frames of one person.")
     arrays = each[int(np.argmax(lengths))]
     motion = motion_of(path, arrays, how, _AISTPP_FPS if "smpl_scaling" in arrays else np.nan)
+    if path.stem.endswith(OF_MOSH):
+        motion = replace(motion, markers=MarkerFile(path, partial(from_mosh, people[0])))
     if len(each) == 1:
         return motion
     note = f"{path} holds {len(each)} people: the one of {max(lengths)} frames is read"
     return replace(motion, notes=(note, *motion.notes))
 
 
-def opened(path: Path) -> tuple[Any, list[Mapping[str, Any]]]:
+def _opened(path: Path) -> tuple[Any, list[Mapping[str, Any]]]:
     """What a file holds, and the people in it."""
     with file_refused(path, unusable, _REMEDY):
         with open_regular(path, _MOST_FILE_BYTES) as file:
@@ -94,32 +99,25 @@ def opened(path: Path) -> tuple[Any, list[Mapping[str, Any]]]:
             file.seek(0)
             match begins:
                 case b"PK":
-                    found = load_torch(file)
+                    stored = load_torch(file)
                 case b"\x93N":  # of an .npy
-                    found = load_restricted_item(file)
+                    stored = load_restricted_item(file)
                 case _:
                     is_moshs = path.stem.endswith(OF_MOSH)
-                    found = load_restricted(file, _MOST_OPCODES if is_moshs else MOST_OPCODES)
-        return found, [*_people(found)]
+                    stored = load_restricted(file, _MOST_OPCODES if is_moshs else MOST_OPCODES)
+        return stored, [*_people(stored)]
 
 
-def within(value: Any, *names: str) -> Any:
-    """What lies under names in dictionaries in one another; None where there is nothing."""
-    for name in names:
-        value = value.get(name) if isinstance(value, dict) else None
-    return value
-
-
-def _people(found: Any) -> Iterator[Mapping[str, Any]]:
+def _people(stored: Any) -> Iterator[Mapping[str, Any]]:
     """The dictionaries with poses in what a file holds; what it says of all holds for each."""
-    person = _named(found)
+    person = _named(stored)
     if isinstance(person.get(_WORLD), dict):
         yield _named(person[_WORLD])
     elif "pose_world" in person or holds_poses(person):
         yield from _each(person)
     else:
         of_all = {key: person[key] for key in ("gender", *RATE_KEYS) if key in person}
-        inner = [v for n, v in person.items() if n != _CAMERA] or found
+        inner = [v for n, v in person.items() if n != _CAMERA] or stored
         for one in map(_named, inner[:_MOST_PEOPLE] if isinstance(inner, list) else ()):
             if holds_poses(one):
                 yield {**of_all, **one}
@@ -133,13 +131,13 @@ def _each(person: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
         yield person
         return
     for row in range(min(count, _MOST_PEOPLE)):
-        own = {name: value[row] for name, value in lists.items() if len(value) == count}
-        yield {**person, **own}
+        of_one = {name: value[row] for name, value in lists.items() if len(value) == count}
+        yield {**person, **of_one}
 
 
-def _named(found: Any) -> dict[str, Any]:
+def _named(stored: Any) -> dict[str, Any]:
     """A dictionary by text, of Python 2's bytes too; nothing of what is none."""
-    given = found if isinstance(found, dict) else {}
+    given = stored if isinstance(stored, dict) else {}
     return {n.decode("latin1") if isinstance(n, bytes) else str(n): v for n, v in given.items()}
 
 
@@ -155,9 +153,9 @@ def _arrays(person: Mapping[str, Any]) -> dict[str, NDArray]:
 
 
 def _gender(person: Mapping[str, Any]) -> Any:
-    """As it is stated, or as MoSh++ was told."""
-    told = within(person, _DETAILS, "cfg", "surface_model", "gender")
-    return person.get("gender", person.get("genders", told))
+    """As it is stated, or as MoSh++ was configured."""
+    configured = within(person, _DETAILS, "cfg", "surface_model", "gender")
+    return person.get("gender", person.get("genders", configured))
 
 
 def _rate(details: Any) -> float | None:

@@ -1,6 +1,6 @@
 """A motion from arrays of SMPL's family: its pose, its rate, whose shape, where and which way up.
 
-A file does not say which axis is its vertical, so the bodies tell: they stand along z as in AMASS,
+A file does not say which axis is its vertical; the bodies show it: they stand along z as in AMASS,
 or along y as video models and generators write.
 """
 
@@ -20,7 +20,6 @@ from bridge.motion.motion import (
     HowRead,
     Motion,
     UpAxis,
-    pack_theta,
 )
 from bridge.motion.readers.joint_rotations import BODY_WIDTHS, WIDTHS, finite, unusable
 from bridge.motion.readers.smpl_fields import (
@@ -37,7 +36,7 @@ from bridge.motion.readers.smpl_fields import (
     gender_stored,
     text_in,
 )
-from bridge.motion.readers.smpl_poses import hands_and_face, kind_said, pose_of
+from bridge.motion.readers.smpl_poses import hands_and_face, pose_of, stated_kind
 from bridge.motion.retargeting import (
     smpl_places,
     some_frames,
@@ -45,6 +44,7 @@ from bridge.motion.retargeting import (
     world_rotations,
 )
 from bridge.motion.skeletons import OWN_NAMES
+from bridge.motion.theta import pack_theta
 from bridge.paper import N_BETAS
 from bridge.runs.untrusted import text_of
 
@@ -71,17 +71,17 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
     arrays = _of_first_person(path, arrays, notes)
     pose = pose_of(path, arrays)
     kind, others = hands_and_face(path, arrays, len(pose), notes)
-    kind = kind_said(path, arrays, notes) or kind
+    kind = stated_kind(path, arrays, notes) or kind
     is_codecs = first_of(arrays, POSE_KEYS) == "bodyPose"
     up = _vertical(path, pose, how, is_codecs, notes)
     trans_m = _trans(path, arrays, len(pose), up, notes)
     betas, fps = _betas(path, arrays, notes), _rate(path, arrays, usual_fps)
     length = arrays.get(LENGTH_KEY, np.array(np.nan))
-    said_s = float(length.item()) if length.size == 1 and length.dtype.kind in "iuf" else np.nan
-    if abs(len(pose) / fps - said_s) > _SAME_LENGTH * said_s + 1 / fps:  # nan is not
+    stated_s = float(length.item()) if length.size == 1 and length.dtype.kind in "iuf" else np.nan
+    if abs(len(pose) / fps - stated_s) > _SAME_LENGTH * stated_s + 1 / fps:  # nan is not
         notes.append(
-            f"{path} says that it lasts {said_s:.4g} s, but {len(pose)} frames at {fps:g} a second "
-            f"last {len(pose) / fps:.4g}: --motion-fps says another rate"
+            f"{path} says that it lasts {stated_s:.4g} s, but {len(pose)} frames at {fps:g} a "
+            f"second last {len(pose) / fps:.4g}: --motion-fps says another rate"
         )
     return Motion(
         theta=pack_theta(pose, trans_m),
@@ -181,10 +181,10 @@ def _trans(
 
 def _rate(path: Path, arrays: Arrays, usual_fps: float) -> float:
     """Frames a second; nan where the file does not say, or says two rates."""
-    said = {key: _one_rate(path, key, arrays[key]) for key in RATE_KEYS if key in arrays}
-    if not said:
+    rates = {key: _one_rate(path, key, arrays[key]) for key in RATE_KEYS if key in arrays}
+    if not rates:
         return usual_fps
-    first, *others = said.values()
+    first, *others = rates.values()
     return first if all(abs(rate / first - 1) < _SAME_RATE for rate in others) else np.nan
 
 
@@ -201,7 +201,7 @@ def _one_rate(path: Path, key: str, rate: NDArray) -> float:
 
 
 def _betas(path: Path, arrays: Arrays, notes: list[str]) -> NDArray[np.float64]:
-    """(k,) coefficients, of frames that have their own the median."""
+    """(k,) coefficients, the median where each frame has its own."""
     key = first_of(arrays, BETAS_KEYS)
     if key is None:
         notes.append(f"{path} has no betas: the mean shape is taken")

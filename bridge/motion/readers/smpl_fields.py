@@ -31,16 +31,16 @@ order of SMPL-X's joints."""
 RELATIVE_KEYS, JAW_KEY = ("left_hand_pose", "right_hand_pose"), "jaw_pose"
 PART_KEYS = (*(key for parts in (*FACES, *HANDS) for key in parts), *RELATIVE_KEYS, JAW_KEY)
 """These, and smplx's: hands, which may be relative to a mean or to components that only a model
-file has, and a jaw, which tells whose body it is."""
+file has, and a jaw, which says whose body it is."""
 LENGTH_KEY = "mocap_time_length"
 """Seconds."""
-SAID_KINDS = {
+STATED_KINDS = {
     "smplVersion": {"0": "smpl", "1": "smplh", "2": "smplx"},
     "surface_model_type": {"smpl": "smpl", "smplh": "smplh", "smplx": "smplx"},
 }
 """What smplcodec's files and AMASS's say of whose body they are."""
 WANTED = (*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS, *TRANS_KEYS, *BETAS_KEYS, *RATE_KEYS,
-          *SAID_KINDS, LENGTH_KEY, "gender", "dmpls", "smpl_scaling", "source", "body_model",
+          *STATED_KINDS, LENGTH_KEY, "gender", "dmpls", "smpl_scaling", "source", "body_model",
           "Rh")  # fmt: skip
 MOST_BYTES = MOST_FRAMES * 8 * 9 * 55
 """Of an array: matrices of SMPL-X's joints."""
@@ -56,18 +56,18 @@ def arrays_of(fields: Mapping[str, Any], *, strict: bool = False) -> dict[str, N
     `strict`: ValueError if one that is there is none of these; else it is passed over, as are
     things of other meanings under the names of pickles.
     """
-    found = {}
+    arrays = {}
     for name in WANTED:
         value = fields.get(name)
         if isinstance(value, (list, tuple)) and len(value) == 1:
             value = value[0]
         if isinstance(value, (str, bytes, int, float, np.ndarray)):
-            found[name] = np.asarray(value)
+            arrays[name] = np.asarray(value)
         elif isinstance(value, Record) and value.kind != "unread":
-            found[name] = as_array(value)
+            arrays[name] = as_array(value)
         elif strict and value is not None:
             raise ValueError(f"{name!r} is an object of another kind")
-    return found
+    return arrays
 
 
 def holds_poses(names: Container[str]) -> bool:

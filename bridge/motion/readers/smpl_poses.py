@@ -22,7 +22,7 @@ from bridge.motion.readers.smpl_fields import (
     POSE_KEYS,
     RELATIVE_KEYS,
     ROOT_KEYS,
-    SAID_KINDS,
+    STATED_KINDS,
     Arrays,
     first_of,
     text_in,
@@ -116,15 +116,15 @@ def _part(
     return np.zeros(shape)
 
 
-def kind_said(path: Path, arrays: Arrays, notes: list[str]) -> str | None:
+def stated_kind(path: Path, arrays: Arrays, notes: list[str]) -> str | None:
     """Whose body a pose is of, where the file says it."""
-    key = first_of(arrays, tuple(SAID_KINDS))
+    key = first_of(arrays, tuple(STATED_KINDS))
     if key is None:
         return None
-    said = text_in(arrays, key).lower()
-    if said not in SAID_KINDS[key]:
+    stated = text_in(arrays, key).lower()
+    if stated not in STATED_KINDS[key]:
         notes.append(
-            f"{path} is of a kind of body that is not known ({key} {said[:20]!r}): "
+            f"{path} is of an unknown kind of body ({key} {stated[:20]!r}): "
             "its betas may mean another shape"
         )
-    return SAID_KINDS[key].get(said)
+    return STATED_KINDS[key].get(stated)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.prediction import noise
 from benchmarks.prediction.recorded_noise import Noise
 from bridge.errors import DsnetError
-from bridge.motion import load_motion_file, unpack_theta
+from bridge.motion import load_motion, unpack_theta
 from tests.forged.amass import save, smplh
 
 PAGE = Path(__file__).parents[3] / "docs" / "results" / "prediction" / "noise.md"
@@ -32,8 +32,8 @@ def recording(folder: Path, hertz: float, size: float) -> Path:
 def test_a_recording_is_its_calm_self_and_its_noise(tmp_path):
     path = recording(tmp_path, 20.0, 1e-3)
     noise = Noise.of(path)
-    calm = unpack_theta(load_motion_file(path, smooth_hz=8.0).theta)
-    whole = unpack_theta(load_motion_file(path).theta)
+    calm = unpack_theta(load_motion(path, smooth_hz=8.0).theta)
+    whole = unpack_theta(load_motion(path).theta)
     for found, expected in zip(noise.added(*calm), whole, strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-9)
     inside = slice(20, -20)  # a filter's ends know one side only

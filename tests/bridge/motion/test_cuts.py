@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,10 @@ from scipy.spatial.transform import Rotation
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
-from bridge.motion import Motion, load_motion_file, pack_theta, unpack_theta
+from bridge.motion import Motion, load_motion, pack_theta, unpack_theta
 from bridge.motion.cuts import (
+    CUT_M,
+    find_cuts,
     frames_of_rest_pose,
     is_cut,
     pieces_between_cuts,
@@ -34,9 +37,9 @@ def still(frames: int = 40) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((frames, 22, 3)), np.zeros((frames, 3))
 
 
-def find_cuts(pose: np.ndarray, trans_m: np.ndarray) -> list[int]:
+def cuts_of(pose: np.ndarray, trans_m: np.ndarray) -> list[int]:
     """The first frame of each piece but the first."""
-    return [piece.start for piece in pieces_between_cuts(pack_theta(pose, trans_m))[1:]]
+    return [*find_cuts(pack_theta(pose, trans_m))]
 
 
 @given(seed=st.integers(0, 10**6), angle_deg=st.floats(0, 180))
@@ -53,7 +56,7 @@ def test_a_root_that_is_elsewhere_is_a_cut():
     pose, trans = still()
     trans[12:, 2] += 1.0
     trans[30:, 0] -= 1.0
-    assert find_cuts(pose, trans) == [12, 30]
+    assert cuts_of(pose, trans) == [12, 30]
 
 
 @pytest.mark.parametrize("joint", [0, 17])
@@ -62,20 +65,20 @@ def test_a_joint_turned_round_is_a_cut(joint, about):
     pose, trans = still()
     pose[:, joint] = [0.3, -0.2, 0.1]
     pose[20:, joint] = np.pi * about
-    assert find_cuts(pose, trans) == [20]
+    assert cuts_of(pose, trans) == [20]
 
 
 def test_one_frame_astray_is_two_cuts():
     pose, trans = still()
     pose[9, 5, 0] = np.pi
-    assert find_cuts(pose, trans) == [9, 10]
+    assert cuts_of(pose, trans) == [9, 10]
 
 
 def test_the_same_rotation_written_otherwise_is_no_cut():
     pose, trans = still()
     pose[:, 3] = [0.0, 3.0, 0.0]
     pose[10:, 3] = [0.0, 3.0 - 2 * np.pi, 0.0]
-    assert find_cuts(pose, trans) == []
+    assert cuts_of(pose, trans) == []
 
 
 @pytest.mark.parametrize("fps", [30.0, 60.0, 120.0])
@@ -85,15 +88,15 @@ def test_the_fastest_people_are_not_cut(fps):
     pose, trans = still(60)
     pose[:, 0, 1] = 2 * np.pi * 6 * times_s
     trans[:, 0] = 12.5 * times_s
-    assert find_cuts(pose, trans) == []
+    assert cuts_of(pose, trans) == []
 
 
 def test_long_motions_are_looked_at_in_parts(monkeypatch):
     pose, trans = still(50)
     pose[[10, 20, 21, 49], 4, 2] = np.pi
-    whole = find_cuts(pose, trans)
+    whole = cuts_of(pose, trans)
     monkeypatch.setattr("bridge.motion.cuts._FRAMES_AT_ONCE", 10)
-    assert find_cuts(pose, trans) == whole == [10, 11, 20, 22, 49]
+    assert cuts_of(pose, trans) == whole == [10, 11, 20, 22, 49]
 
 
 @pytest.mark.parametrize("frames", [1, 2])
@@ -106,6 +109,38 @@ def test_each_piece_is_predicted_by_itself():
     theta[4:, -3] = 2.0
     counted = predict_between_cuts(lambda piece: np.arange(len(piece)), theta)
     np.testing.assert_array_equal(counted, [0, 1, 2, 3, 0, 1, 2, 3, 4, 5])
+
+
+def jumping() -> Motion:
+    """40 frames that jump at 12, and at 30 by just as much as is a cut."""
+    pose, trans_m = still()
+    trans_m[12:, 2] += 1.0
+    trans_m[30:, 0] += 0.5
+    return Motion(pack_theta(pose, trans_m), np.zeros(10), "unknown", 60.0, 60.0, Path("a.npz"))
+
+
+def test_cuts_stay_where_the_motion_is_moved() -> None:
+    motion = jumping()
+    assert motion.pieces == [slice(0, 12), slice(12, 30), slice(30, 40)]
+    nearer = motion.moved(0.9 * motion.trans_m)
+    assert nearer.cuts == replace(nearer, betas=np.ones(10)).cuts == motion.cuts == (12, 30)
+    assert replace(motion, theta=nearer.theta.copy()).cuts == (12,)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "cuts"),
+    [
+        (slice(12), ()),
+        (slice(12, None), (18,)),
+        (slice(20, 35), (10,)),
+        (slice(None, None, 4), (3, 8)),
+        (np.array([0, 31, 32]), (1,)),
+    ],
+)
+def test_some_frames_have_their_cuts(chosen: slice, cuts: tuple[int, ...]) -> None:
+    some = jumping().frames(chosen)
+    assert some.cuts == cuts
+    assert [len(some.theta[piece]) > 0 for piece in some.pieces] == [True] * (len(cuts) + 1)
 
 
 def test_the_warning_is_one_line_that_names_the_frames():
@@ -138,7 +173,28 @@ def test_resampling_keeps_to_one_side_of_a_cut(tmp_path, rate):
     np.testing.assert_allclose(trans_m[:, 0], expected_s + 2.0 * after, atol=1e-9)
     np.testing.assert_allclose(pose[:, 0, 1], np.pi * after, atol=1e-9)
     np.testing.assert_allclose(pose[:, 16, 0], 2 * expected_s, atol=1e-9)
-    assert find_cuts(pose, trans_m) == [int(after.argmax())]
+    assert cuts_of(pose, trans_m) == [int(after.argmax())]
+
+
+def walked(path: Path, rate: float, jumps_m: dict[int, float]) -> Motion:
+    """A second of a walk backwards at 1 m/s, with jumps at some of the file's frames."""
+    trans = np.zeros((int(rate) + 1, 3))
+    trans[:, 0] = -np.arange(len(trans)) / rate
+    for frame, jump_m in jumps_m.items():
+        trans[frame:, 0] += jump_m + 1 / rate
+    arrays = smplh(len(trans), rate)
+    return load_as_it_lies(save(path, arrays, poses=np.zeros((len(trans), 156)), trans=trans))
+
+
+def test_a_cut_of_the_file_is_one_at_another_rate(tmp_path):
+    motion = walked(tmp_path / "a.npz", 100.0, {41: 0.501})
+    assert motion.cuts == (25,)
+    assert motion.theta[25, -3] - motion.theta[24, -3] < CUT_M
+
+
+def test_steps_that_add_up_at_a_lower_rate_are_a_cut(tmp_path):
+    steps_m = {117: 0.2, 118: 0.2, 119: 0.2}
+    assert walked(tmp_path / "a.npz", 240.0, steps_m).cuts == (30,)
 
 
 def test_a_frame_astray_between_two_samples_is_gone(tmp_path):
@@ -149,6 +205,8 @@ def test_a_frame_astray_between_two_samples_is_gone(tmp_path):
     np.testing.assert_allclose(motion.theta, np.zeros((61, 69)), atol=1e-12)
     assert motion.dmpls is not None
     assert motion.dmpls.shape == (61, 8)
+    assert read_motion_file(path).cuts == (51, 52)
+    assert motion.cuts == ()
 
 
 def test_a_cut_between_two_poses():
@@ -202,9 +260,9 @@ def test_a_bvh_begins_with_its_motion_and_says_so(tmp_path: Path) -> None:
     pose = arms(np.where(np.arange(60) < 1, 0.0, HANGING))
     for path, first in zip(paths, (0, 1), strict=True):
         path.write_text(text(names, world_of(pose[first:]), still[first:]))
-    whole, cut = map(load_motion_file, paths)
+    whole, cut = map(load_motion, paths)
     np.testing.assert_allclose(whole.theta, cut.theta, atol=1e-9)
     assert (whole.rest_pose_frames, cut.rest_pose_frames) == (1, 0)
-    (line,) = motion_warnings(whole, pieces_between_cuts(whole.theta))
+    (line,) = motion_warnings(whole)
     assert "whole.bvh: the motion begins after frame 1 of the file" in line
-    assert motion_warnings(cut, pieces_between_cuts(cut.theta)) == []
+    assert motion_warnings(cut) == []

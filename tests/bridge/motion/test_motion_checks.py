@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from bridge.errors import DsnetError
-from bridge.motion import Motion, load_motion_file, pack_theta
-from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion import Motion, load_motion, pack_theta
 from bridge.motion.motion_checks import find_pops, motion_warnings, steepest_fall_g
 from bridge.motion.readers.amass import SAMPLES, sample_path
 from tests.forged.amass import load_amass_motion, save, smplh
@@ -50,8 +49,8 @@ def fall_warning(motion: Motion, pieces: list[slice]) -> str:
 
 
 def warning_of(path: Path | str, source_fps: float | None = None) -> str:
-    motion = load_motion_file(path, source_fps)
-    return fall_warning(motion, pieces_between_cuts(motion.theta))
+    motion = load_motion(path, source_fps)
+    return fall_warning(motion, motion.pieces)
 
 
 @pytest.mark.parametrize("name", SAMPLES)
@@ -75,7 +74,7 @@ def test_a_cut_is_no_fall(tmp_path):
     trans[:120, 2], trans[120:, 2] = 2.0, 0.9
     save(tmp_path / "cut.npz", smplh(240, 120.0), trans=trans)
     motion = load_amass_motion(tmp_path / "cut.npz")
-    assert fall_warning(motion, pieces_between_cuts(motion.theta)) == ""
+    assert fall_warning(motion, motion.pieces) == ""
     assert fall_warning(motion, [slice(0, len(motion.theta))])
 
 
@@ -120,7 +119,7 @@ def motion_of(pose: np.ndarray, trans_m: np.ndarray) -> Motion:
 
 
 def pops_of(motion: Motion) -> dict[int, str]:
-    return find_pops(motion, pieces_between_cuts(motion.theta))
+    return find_pops(motion, motion.pieces)
 
 
 def test_a_leg_that_flips_and_comes_back_is_one_pop_each_time() -> None:
@@ -129,7 +128,7 @@ def test_a_leg_that_flips_and_comes_back_is_one_pop_each_time() -> None:
         pose[frame : frame + 3, RIGHT_HIP, 1] = np.radians([60.0, 120.0, 60.0])
     found = motion_of(pose, trans_m)
     assert pops_of(found) == {30: "right_hip", 90: "right_hip"}
-    (line,) = motion_warnings(found, pieces_between_cuts(found.theta))
+    (line,) = motion_warnings(found)
     assert line.startswith("walk.bvh moves faster than anybody can: right_hip at 0.50 s, right_hip")
 
 
@@ -160,7 +159,7 @@ def test_what_lies_on_both_sides_of_a_cut_is_none() -> None:
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_no_motion_of_ours_has_one(name: str) -> None:
-    assert pops_of(load_motion_file(sample_path(name))) == {}
+    assert pops_of(load_motion(sample_path(name))) == {}
 
 
 @pytest.mark.licensed

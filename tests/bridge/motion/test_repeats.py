@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.motion.cuts import repeated_frames
 from bridge.motion.readers.amass import sample_path
 from tests.forged.amass import save
@@ -78,8 +78,8 @@ def sample_as(path: Path, name: str, said: np.ndarray) -> Path:
 @pytest.mark.parametrize("kind", ["lost", "30 a second"])
 @pytest.mark.parametrize("name", ["walking", "dancing", "jumping_jacks"])
 def test_they_are_drawn_near_to_what_was_there(tmp_path, name, kind):
-    true = load_motion_file(sample_as(tmp_path / "true.npz", name, FRAMES))
-    found = load_motion_file(sample_as(tmp_path / "said.npz", name, SAID[kind]))
+    true = load_motion(sample_as(tmp_path / "true.npz", name, FRAMES))
+    found = load_motion(sample_as(tmp_path / "said.npz", name, SAID[kind]))
     assert true.notes == ()
     repeated = repeated_frames(true.theta[SAID[kind]], FPS)
     (told,) = found.notes

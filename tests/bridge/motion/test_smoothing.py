@@ -11,9 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
-from bridge.motion import load_motion_file, unpack_theta
-from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.motion import RATES_HZ, Motion, pack_theta
+from bridge.motion import load_motion, unpack_theta
+from bridge.motion.motion import RATES_HZ, Motion
 from bridge.motion.motion_checks import motion_warnings, tremor_mm
 from bridge.motion.readers.amass import SAMPLES, sample_path
 from bridge.motion.smoothing import (
@@ -23,6 +22,7 @@ from bridge.motion.smoothing import (
     noise_cutoff_hz,
     smoothed,
 )
+from bridge.motion.theta import pack_theta
 from tests.forged.amass import save, smplh
 
 FPS = 120.0
@@ -152,7 +152,7 @@ def test_a_rate_that_the_motion_lacks_is_refused(cutoff_hz: float) -> None:
 
 def said_of(motion: Motion) -> list[str]:
     """Of how it moves; that its root turns right round is told too."""
-    said = motion_warnings(motion, pieces_between_cuts(motion.theta))
+    said = motion_warnings(motion)
     return [line for line in said if "--up" not in line]
 
 
@@ -162,11 +162,11 @@ def test_a_file_that_trembles_is_named_and_then_smoothed(tmp_path: Path) -> None
     poses = np.zeros((480, 156))
     poses[:, :66] = noisy.pose.reshape(480, 66)
     save(path, smplh(480, FPS), poses=poses, trans=noisy.trans_m)
-    raw, still = load_motion_file(path), load_motion_file(path, smooth_hz=8.0)
+    raw, still = load_motion(path), load_motion(path, smooth_hz=8.0)
     (line,) = said_of(raw)
     assert "walk.npz trembles by" in line
     assert "--smooth-hz auto leaves that out" in line
-    found = load_motion_file(path, smooth_hz="auto")
+    found = load_motion(path, smooth_hz="auto")
     assert said_of(found) == []
     assert found.smooth_hz == "auto"
     assert said_of(still) == []
@@ -176,9 +176,9 @@ def test_a_file_that_trembles_is_named_and_then_smoothed(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_no_motion_of_ours_trembles(name: str) -> None:
-    motion = load_motion_file(sample_path(name))
+    motion = load_motion(sample_path(name))
     assert tremor_mm(unpack_theta(motion.theta)[1], motion.fps) < 0.2
-    calmed = load_motion_file(sample_path(name), smooth_hz="auto")
+    calmed = load_motion(sample_path(name), smooth_hz="auto")
     assert np.abs(calmed.theta - motion.theta)[:, 66:].max() < 5e-4
     turns = [Rotation.from_rotvec(m.theta[:, :66].reshape(-1, 3)) for m in (motion, calmed)]
     assert np.degrees((turns[0].inv() * turns[1]).magnitude()).max() < 5
@@ -187,7 +187,7 @@ def test_no_motion_of_ours_trembles(name: str) -> None:
 @pytest.mark.licensed
 @pytest.mark.skipif(not SAMPLE.is_file(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
 def test_a_real_jumping_jack_at_its_own_rate_does_not_tremble() -> None:
-    motion = load_motion_file(SAMPLE, 60.0)
+    motion = load_motion(SAMPLE, 60.0)
     assert tremor_mm(unpack_theta(motion.theta)[1], motion.fps) < 0.2
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import joint_rotations, shaped_joints
-from bridge.motion import load_motion_file, pack_theta, unpack_theta
+from bridge.motion import load_motion, pack_theta, unpack_theta
 from dsnet.exporters import bvh
 from dsnet.prediction.moving_body import MovingBody, place_motion
 from tests.dsnet.exporters.conftest import FRAMES
@@ -31,7 +31,7 @@ def angles_rad(one, other):
 
 def test_our_reader_gives_pose_and_place_back(performed, path):
     moving = performed.moving
-    again = load_motion_file(path)
+    again = load_motion(path)
     assert again.notes == ()
     assert again.source_fps == 60.0
     assert angles_rad(again.pose, moving.motion.pose).max() < 1e-4
@@ -50,7 +50,7 @@ def test_any_pose_comes_back_also_where_two_axes_fall_together(performed, tmp_pa
     moving = performed.moving
     motion = replace(moving.motion, theta=pack_theta(pose, trans_m))
     bvh.write(tmp_path / "any.bvh", MovingBody(moving.trained, motion))
-    again = place_motion(load_motion_file(tmp_path / "any.bvh"), moving.body)
+    again = place_motion(load_motion(tmp_path / "any.bvh"), moving.body)
     assert angles_rad(again.pose, pose).max() < 1e-4
     np.testing.assert_allclose(again.trans_m, trans_m, atol=1e-4)
 

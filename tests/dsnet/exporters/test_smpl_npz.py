@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bridge.body import pose_vertices
-from bridge.motion import load_motion_file, unpack_theta
+from bridge.motion import load_motion, unpack_theta
 from dsnet.exporters import smpl_npz
 from dsnet.prediction.moving_body import MovingBody, place_motion
 from tests.dsnet.exporters.conftest import FRAMES, moving_body
@@ -58,7 +58,7 @@ def test_poses_and_offsets_give_the_body_with_z_up(performed, stored):
 
 
 def test_an_exported_motion_can_be_predicted_again(performed, path):
-    motion = place_motion(load_motion_file(path), performed.moving.body)
+    motion = place_motion(load_motion(path), performed.moving.body)
     before, after = (unpack_theta(m.theta) for m in (performed.moving.motion, motion))
     np.testing.assert_allclose(after[1], before[1], atol=1e-9)
     turns = [Rotation.from_rotvec(pose.reshape(-1, 3)).as_matrix() for pose, _ in (before, after)]
@@ -76,7 +76,7 @@ def test_smplx_has_its_joints_and_nobody_elses_turns(performed, stored, tmp_path
     np.testing.assert_array_equal(poses[:, :66], stored["poses"][:, :66])
     assert not poses[:, 66:].any()
     assert not stored["poses"][:, 66:].any()
-    read = load_motion_file(path)
+    read = load_motion(path)
     assert read.kind == performed.moving.body.kind == "smpl"
     motion = place_motion(read, performed.moving.body)
     np.testing.assert_allclose(motion.trans_m, performed.moving.motion.trans_m, atol=1e-9)
@@ -94,7 +94,7 @@ def test_fingers_jaw_and_eyes_are_kept(performed, tmp_path):
         with np.load(path) as archive:
             poses = archive["poses"].reshape(FRAMES, joints, 3)
         np.testing.assert_array_equal(poses[:, 22:], kept)
-        read = load_motion_file(path).hands_and_face
+        read = load_motion(path).hands_and_face
         assert read is not None
         turns = [Rotation.from_rotvec(one.reshape(-1, 3)) for one in (read, kept)]
         assert (turns[0].inv() * turns[1]).magnitude().max() < 1e-6
@@ -105,7 +105,7 @@ def test_hands_are_kept_beside_the_body(character, tmp_path):
     hands = np.random.default_rng(1).uniform(-1, 1, (8, 30, 3))
     moving.motion = replace(moving.motion, hands_and_face=hands)
     smpl_npz.write(tmp_path / "hands.npz", moving)
-    motion = place_motion(load_motion_file(tmp_path / "hands.npz"), moving.body)
+    motion = place_motion(load_motion(tmp_path / "hands.npz"), moving.body)
     assert motion.hands_and_face is not None
     turns = [Rotation.from_rotvec(one.reshape(-1, 3)) for one in (motion.hands_and_face, hands)]
     np.testing.assert_allclose(turns[0].as_matrix(), turns[1].as_matrix(), atol=1e-9)
@@ -121,7 +121,7 @@ def test_smpl_is_read_by_its_own_library_and_by_ours(character, tmp_path, others
     moving.motion = replace(moving.motion, betas=np.ones(10))
     path = tmp_path / "walk.smpl"
     smpl_npz.write_smpl(path, moving)
-    again = place_motion(load_motion_file(path), moving.body)
+    again = place_motion(load_motion(path), moving.body)
     np.testing.assert_allclose(again.trans_m, moving.motion.trans_m, atol=1e-9)
     assert not again.betas.any()  # an embedded body's are not SMPL's
     assert (again.gender, again.source_fps) == ("female", 60.0)

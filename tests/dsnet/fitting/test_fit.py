@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
 from bridge import DsnetError
 from bridge.body import BodyModelData
-from bridge.motion import Motion, load_motion_file
+from bridge.motion import Motion, load_motion
 from bridge.motion.readers.amass import motion_path
 from bridge.tissue.oscillators import coupling
 from bridge.tissue.shape import shaped_normals
@@ -57,7 +57,7 @@ def base(body: BodyModelData) -> TrainedPlus:
 
 @pytest.fixture(scope="module")
 def jumping(body: BodyModelData) -> Motion:
-    motion = load_motion_file(Path("sample:jumping_jacks"))
+    motion = load_motion(Path("sample:jumping_jacks"))
     return replace(motion, betas=BETAS).about_root_joint(root_joint_m(body, BETAS))
 
 

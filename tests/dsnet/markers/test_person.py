@@ -12,13 +12,13 @@ import pytest
 from bridge.body import load_body_model
 from bridge.body.posing import Smpl, shaped_joints
 from bridge.body.surface_operators import vertex_normals
-from bridge.motion import Motion, load_motion_file, unpack_theta
+from bridge.motion import Motion, load_motion, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.motion.readers.amass import motion_path
-from dsnet.markers.marker_files import Markers, read_markers
+from dsnet.markers.marker_files import Markers, markers_of
 from dsnet.markers.person import fit_person
 from dsnet.markers.registration import register
-from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shape_space import with_betas_on
 from dsnet.prediction.shapes import MeasuredBody
 from tests.forged.amass import load_amass_motion
 
@@ -81,10 +81,10 @@ def test_zero_betas_beside_markers_give_way_to_them(
     np.savez(tmp_path / "bare.npz", **arrays)
     labels = np.array([f"M{row}X" for row in rows])
     np.savez(tmp_path / "a.npz", **arrays, marker_data=z_up, marker_labels=labels)
-    fitted = with_own_shape(load_motion_file(tmp_path / "a.npz"), BODY).betas
+    fitted = with_betas_on(load_motion(tmp_path / "a.npz"), BODY).betas
     assert "are all zero: the shape is fitted to its markers" in capsys.readouterr().err
     assert np.abs(fitted - hers)[:2].max() < 1
-    assert not with_own_shape(load_motion_file(tmp_path / "bare.npz"), BODY).betas.any()
+    assert not with_betas_on(load_motion(tmp_path / "bare.npz"), BODY).betas.any()
     assert not capsys.readouterr().err
 
 
@@ -96,9 +96,9 @@ def off_mm(motion: Motion, markers: Markers, betas: np.ndarray) -> float:
 @pytest.mark.skipif(not SAMPLE.exists(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
 def test_real_markers_lie_nearer_to_the_fitted_skin(capsys: pytest.CaptureFixture[str]) -> None:
     """Medians in docs/animation.md: 31 mm with the file's betas, 36 with the mean shape, 27."""
-    motion = load_motion_file(SAMPLE, 60.0)
-    markers = read_markers(SAMPLE, motion.source_fps, motion.duration_s)
-    fitted = with_own_shape(motion, BODY)
+    motion = load_motion(SAMPLE, 60.0)
+    markers = markers_of(motion)
+    fitted = with_betas_on(motion, BODY)
     assert "the shape is fitted to its markers" in capsys.readouterr().err
     by_file, mean, now = (
         off_mm(motion, markers, betas) for betas in (motion.betas, np.zeros(10), fitted.betas)

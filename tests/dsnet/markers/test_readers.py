@@ -6,7 +6,7 @@ import os
 import pickle
 import random
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,16 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion import Motion, load_motion_file
-from dsnet.markers.marker_files import Markers, marker_file, pose_file, read_markers
+from bridge.motion import Motion, load_motion
+from bridge.motion.markers import MarkerFile
+from bridge.motion.readers import read_motion_file
+from bridge.motion.readers.c3d import read_c3d
+from dsnet.markers import marker_files
+from dsnet.markers.marker_files import Markers, marker_file, markers_of
 from dsnet.markers.registration import register
 from dsnet.markers.segments import SEGMENTS
 from tests.forged.c3d import c3d
-from tests.forged.markers import VERTICES, Known, pose_arrays, sampled, stageii
+from tests.forged.markers import VERTICES, Known, markers_in, pose_arrays, sampled, stageii
 from tests.forged.markers import marker_file as amass_file
 
 LABELS = list(VERTICES)
@@ -34,8 +38,8 @@ class Recording:
 
 
 def load_recording(path: Path) -> Recording:
-    motion = load_motion_file(pose_file(path))
-    return Recording(motion, read_markers(path, motion.source_fps, motion.duration_s))
+    motion = marker_files.load_recording(path)
+    return Recording(motion, markers_of(motion))
 
 
 def same_person(found: Recording, known: Known, apart_m: float = 1e-3) -> None:
@@ -68,7 +72,7 @@ def test_every_other_frame_that_mosh_fitted_is_at_half_the_rate(
 ) -> None:
     path = tmp_path / "take_stageii.pkl"
     path.write_bytes(pickle.dumps(stageii(known, per_frame=2)))
-    assert load_motion_file(path).source_fps == 60
+    assert load_motion(path).source_fps == 60
 
 
 def test_a_pickle_of_another_numpy_is_read(known: Known, tmp_path: Path) -> None:
@@ -101,7 +105,9 @@ def test_ten_thousand_frames_of_67_markers_are_not_too_many(tmp_path: Path) -> N
     }
     path = tmp_path / "long_stageii.pkl"
     path.write_bytes(pickle.dumps(stored))
-    assert read_markers(path, 120).points_m.shape == (frames, 67, 3)
+    markers = read_motion_file(path).markers
+    assert markers is not None
+    assert markers.stored.points.shape == (frames, 67, 3)
 
 
 class Intruder:
@@ -145,7 +151,7 @@ def test_a_translation_that_is_no_array_is_refused(known: Known, tmp_path: Path)
     path = tmp_path / "take_stageii.pkl"
     path.write_bytes(pickle.dumps(stageii(known) | {"trans": {"x": 0.0}}))
     with pytest.raises(DsnetError, match="'trans' is an object of another kind"):
-        load_motion_file(path)
+        load_motion(path)
 
 
 def test_a_pickle_without_the_recorded_markers_is_refused(known: Known, tmp_path: Path) -> None:
@@ -185,7 +191,7 @@ def test_every_form_of_c3d_is_read(
     path = beside(tmp_path, c3d(per_m * points, [f"Anna:{one}" for one in LABELS], **form))
     found = load_recording(path)
     same_person(found, known, 1.0)
-    whole = read_markers(amass_file(tmp_path / "whole.npz", known), 60)
+    whole = markers_in(amass_file(tmp_path / "whole.npz", known))
     gaps = np.isnan(found.markers.points_m).any(axis=2)
     np.testing.assert_array_equal(gaps, np.isnan(points).any(axis=2))
     np.testing.assert_allclose(found.markers.points_m[~gaps], whole.points_m[~gaps], atol=apart_m)
@@ -286,6 +292,7 @@ def test_a_c3d_without_a_pose_is_refused(known: Known, tmp_path: Path) -> None:
 
 def test_a_damaged_c3d_is_read_or_refused(known: Known, tmp_path: Path) -> None:
     """By nothing else than a refusal."""
+    motion = load_motion("sample:walking")
     whole, refused = c3d(1e3 * sampled(known)[:90], LABELS, analog=3), 0
     for seed in range(300):
         chance = random.Random(seed)
@@ -295,7 +302,7 @@ def test_a_damaged_c3d_is_read_or_refused(known: Known, tmp_path: Path) -> None:
         path = tmp_path / "take.c3d"
         path.write_bytes(raw)
         try:
-            read_markers(path, 60)
+            markers_of(replace(motion, markers=MarkerFile(path, read_c3d)))
         except DsnetError:
             refused += 1
     assert 0 < refused < 300
@@ -314,3 +321,19 @@ def test_another_reader_sees_the_same(known: Known, tmp_path: Path) -> None:
     other["parameters"]["POINT"]["RATE"]["value"] = [60.0]
     other.write(str(path))
     same_person(load_recording(path), known)
+
+
+@pytest.mark.parametrize("is_moshs", [False, True])
+def test_markers_are_read_once(known: Known, tmp_path: Path, is_moshs: bool) -> None:
+    """With the motion, or when they are first needed; a motion that is changed has them too."""
+    path = tmp_path / "take_stageii.pkl"
+    if is_moshs:
+        path.write_bytes(pickle.dumps(stageii(known)))
+    else:
+        path = amass_file(tmp_path / "take.npz", known)
+    motion = load_motion(path)
+    first = None if is_moshs else markers_of(motion)
+    path.unlink()
+    again = markers_of(replace(motion, betas=np.ones(10)))
+    assert first is None or np.array_equal(first.points_m, again.points_m)
+    assert set(again.labels) == set(LABELS)

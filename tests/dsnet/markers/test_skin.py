@@ -14,21 +14,21 @@ from scipy.spatial.transform import Rotation
 from bridge import DsnetError
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.motion import unpack_theta
-from bridge.motion.motion import pack_theta
-from dsnet.markers.bone_pose import bony_motion
-from dsnet.markers.marker_files import read_markers
+from bridge.motion.theta import pack_theta
+from dsnet.markers.bone_pose import bone_motion
 from dsnet.markers.registration import Registered, register
 from dsnet.markers.segments import Pose
 from dsnet.markers.skin import Comparison, compare_offsets
 from dsnet.stages import stage_evaluate
 from dsnet.stages.stage_evaluate import write_comparisons
-from tests.forged.markers import VERTICES, Known, marker_file, sampled
+from tests.forged.amass import save, smplh
+from tests.forged.markers import VERTICES, Known, marker_file, markers_in, sampled
 
 LABELS = list(VERTICES)
 
 
 def compared(known: Known, path: Path, part: float) -> Comparison:
-    markers = read_markers(path, known.motion.fps)
+    markers = markers_in(path)
     registered = register(known.body, known.motion, markers)
     return compare_offsets(known.body, known.motion, part * known.offsets_m, registered)
 
@@ -64,14 +64,14 @@ def test_a_prediction_that_comes_late_is_told(known: Known, tmp_path: Path) -> N
 
 def test_millimetres_are_told_and_read(known: Known, tmp_path: Path) -> None:
     path = marker_file(tmp_path / "m.npz", known, scale=1e3)
-    assert "millimetres" in read_markers(path, 60).note
+    assert "millimetres" in markers_in(path).note
     assert compared(known, path, 1.0).rows[0].flesh_r2 > 0.99
 
 
 def test_another_rate_than_the_poses_is_refused(known: Known, tmp_path: Path) -> None:
     path = marker_file(tmp_path / "m.npz", known)
     with pytest.raises(DsnetError, match="one rate"):
-        register(known.body, known.motion, read_markers(path, 24))
+        register(known.body, known.motion, markers_in(path, 24))
 
 
 def test_markers_of_another_moment_are_refused(known: Known, tmp_path: Path) -> None:
@@ -84,7 +84,7 @@ def test_markers_of_another_moment_are_refused(known: Known, tmp_path: Path) -> 
     lying[:, 0] = (np.pi / 2, 0, 0)
     theta = pack_theta(lying, trans)
     with pytest.raises(DsnetError, match="mm off the body"):
-        register(known.body, replace(known.motion, theta=theta), read_markers(path, 60))
+        register(known.body, replace(known.motion, theta=theta), markers_in(path))
 
 
 def changed(known: Known, tmp_path: Path, points: NDArray, labels: list[str] | None = None) -> Path:
@@ -98,7 +98,7 @@ def changed(known: Known, tmp_path: Path, points: NDArray, labels: list[str] | N
 
 
 def registered_of(known: Known, path: Path) -> Registered:
-    return register(known.body, known.motion, read_markers(path, 60.0))
+    return register(known.body, known.motion, markers_in(path))
 
 
 @pytest.mark.parametrize(("degrees", "apart_m"), [(0, 3.0), (30, 0.0), (101, 3.0), (180, 0.0)])
@@ -168,7 +168,7 @@ def test_a_marker_under_anothers_name_is_left_out_with_a_line(
 def test_a_vertex_that_a_file_states_wrongly_is_left_out_with_a_line(
     known: Known, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    markers = read_markers(marker_file(tmp_path / "m.npz", known), 60.0)
+    markers = markers_in(marker_file(tmp_path / "m.npz", known))
     stated = replace(markers, vertices={**VERTICES, "LBUST": 331})
     found = register(replace(known.body, source="licensed"), known.motion, stated)
     assert "markers left out: LBUST, 4" in capsys.readouterr().err
@@ -179,7 +179,7 @@ def test_a_motion_of_a_moment_is_refused(known: Known, tmp_path: Path) -> None:
     path = marker_file(tmp_path / "m.npz", known)
     short = replace(known.motion, theta=known.motion.theta[:20])
     with pytest.raises(DsnetError, match="at least 2 s"):
-        register(known.body, short, read_markers(path, 60))
+        register(known.body, short, markers_in(path))
 
 
 @pytest.mark.parametrize("unseen", [np.nan, 0.0])
@@ -210,19 +210,19 @@ def test_what_are_no_markers_of_a_person_is_refused(
 ) -> None:
     path = marker_file(tmp_path / "m.npz", known)
     stored = dict(np.load(path))
-    np.savez(
-        path,
-        marker_data=stored["marker_data"] if points is None else points,
-        marker_labels=stored["marker_labels"] if labels is None else np.array(labels),
-    )
+    if points is not None:
+        stored["marker_data"] = points
+    if labels is not None:
+        stored["marker_labels"] = np.array(labels)
+    np.savez(path, **stored)
     with pytest.raises(DsnetError, match=words):
-        read_markers(path, 60)
+        markers_in(path)
 
 
 def test_a_motion_without_markers_is_refused(tmp_path: Path) -> None:
-    np.savez(tmp_path / "m.npz", poses=np.zeros((4, 156)))
+    save(tmp_path / "m.npz", smplh(4))
     with pytest.raises(DsnetError, match="marker_data"):
-        read_markers(tmp_path / "m.npz", 60)
+        markers_in(tmp_path / "m.npz")
 
 
 def test_markers_of_another_skeleton_are_refused(known: Known, tmp_path: Path) -> None:
@@ -241,8 +241,8 @@ def test_markers_on_bone_take_the_bounce_out_of_a_pose(known: Known, tmp_path: P
     theta = np.array(known.motion.theta)
     theta[:, -2] += 0.03 * np.sin(2 * np.pi * 3 * seconds)  # up
     bobbing = replace(known.motion, theta=theta)
-    registered = register(known.body, bobbing, read_markers(path, 60))
-    bony = bony_motion(known.body, bobbing, registered.cloud)
+    registered = register(known.body, bobbing, markers_in(path))
+    bony = bone_motion(known.body, bobbing, registered.cloud)
     chest = [known.motion, bobbing, bony]
     true, swallowed, mended = (
         Pose.of(known.body, motion).bones[:, SMPL_JOINT_NAMES.index("spine3")] @ [0, 1.3, 0, 1]

@@ -13,10 +13,10 @@ import pytest
 
 from bridge.body import load_body_model
 from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
-from bridge.motion import Motion, load_motion_file, unpack_theta
+from bridge.motion import Motion, load_motion, unpack_theta
 from dsnet.prediction.load_model import TrainedModel
 from dsnet.prediction.moving_body import MovingBody, place_motion
-from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shape_space import with_betas_on
 from dsnet.verify.reference.oscillators import moving
 
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
@@ -38,8 +38,8 @@ def by_markers(request) -> bool:
 @pytest.fixture(scope="module", params=[120.0, 60.0])
 def jumped(request, soft: TrainedModel, by_markers) -> tuple[Motion, np.ndarray]:
     """How she moves, and (T,) the mean offset of each frame in millimetres."""
-    read = load_motion_file(SAMPLE, request.param)
-    placed = place_motion(with_own_shape(read, BODY) if by_markers else read, BODY)
+    read = load_motion(SAMPLE, request.param)
+    placed = place_motion(with_betas_on(read, BODY) if by_markers else read, BODY)
     moving = MovingBody(soft, placed)
     assert len(moving.pieces) == 1
     offsets_m = np.concatenate([posed.offsets_m for posed in moving])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.runs import read_artifact
 from dsnet.cli import main
 from dsnet.exporters.clip_pictures import RenderedClip
@@ -53,7 +53,7 @@ def of_smpl(path: Path, up: str, **changes: Any) -> Path:
 @pytest.mark.parametrize("name", BODIES)
 @pytest.mark.parametrize("up", ["y", "z"])
 def test_the_pelvis_is_where_the_files_own_kind_has_it(tmp_path, up, name):
-    motion = load_motion_file(of_smpl(tmp_path / "a.npz", up))
+    motion = load_motion(of_smpl(tmp_path / "a.npz", up))
     body = BODIES[name]
     placed = place_motion(motion, body)
     trans = np.random.default_rng(1).normal(size=(6, 3))
@@ -62,7 +62,7 @@ def test_the_pelvis_is_where_the_files_own_kind_has_it(tmp_path, up, name):
 
 
 def test_the_pelvis_of_this_projects_files_is_the_embedded_bodies(tmp_path):
-    motion = load_motion_file(of_smpl(tmp_path / "a.npz", "y", source="synthetic"))
+    motion = load_motion(of_smpl(tmp_path / "a.npz", "y", source="synthetic"))
     placed = place_motion(motion, BODIES["smplx"])
     np.testing.assert_allclose(placed.trans_m + OF_SMPLX_M, motion.trans_m, atol=1e-4)
 
@@ -70,9 +70,9 @@ def test_the_pelvis_of_this_projects_files_is_the_embedded_bodies(tmp_path):
 @pytest.mark.parametrize("up", ["y", "z"])
 @pytest.mark.parametrize("name", BODIES)
 def test_a_file_that_tells_no_kind_is_the_bodys_or_smpls(tmp_path, name, up):
-    said = load_motion_file(of_smpl(tmp_path / "a.npz", up))
+    said = load_motion(of_smpl(tmp_path / "a.npz", up))
     kind = {"smplx": "smplx"}.get(name, "smpl")
-    unsaid = load_motion_file(of_smpl(tmp_path / "b.npz", up, poses=said_poses(tmp_path)))
+    unsaid = load_motion(of_smpl(tmp_path / "b.npz", up, poses=said_poses(tmp_path)))
     assert unsaid.kind is None
     expected = place_motion(replace(said, kind=kind), BODIES[name])
     np.testing.assert_allclose(place_motion(unsaid, BODIES[name]).theta, expected.theta, atol=1e-9)
@@ -87,7 +87,7 @@ def said_poses(folder: Path) -> NDArray[np.float64]:
 @pytest.mark.parametrize("name", BODIES)
 def test_the_place_of_the_joint_itself_is_the_same_on_all(tmp_path, name):
     """As BVHs and files of joints have it, which are of no kind."""
-    read = load_motion_file(of_smpl(tmp_path / "a.npz", "y"))
+    read = load_motion(of_smpl(tmp_path / "a.npz", "y"))
     motion = replace(read, kind=None, trans_of="joint")
     placed = place_motion(motion, BODIES[name])
     np.testing.assert_allclose(placed.trans_m + BODIES[name].joints[0], motion.trans_m, atol=1e-9)

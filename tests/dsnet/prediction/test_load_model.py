@@ -56,7 +56,7 @@ def test_the_best_of_both_pipelines_predicts_and_says_so(motion, tmp_path, capsy
 @pytest.mark.usefixtures("blank_strip", "both_pipelines")
 def test_another_is_taken_when_asked(motion, tmp_path, capsys):
     made = predicted(tmp_path / "out", motion, "--predictor", "dsnet_faithful")
-    assert (made["predictor"], made["why"]) == ("dsnet_faithful", "as asked")
+    assert (made["predictor"], made["why"]) == ("dsnet_faithful", "as requested")
     assert "dsnet_faithful" in capsys.readouterr().err
     assert set(made["upstream"]) == {"train", "train-ae"}
     assert set(made["arrays"]) == {"latents", "offsets", "vertices"}
@@ -68,7 +68,7 @@ def test_a_run_of_one_pipeline_offers_that(trained_run):
 
 def test_a_run_of_the_other_pipeline_offers_that(plus_run):
     assert find_model(plus_run, None).name == NAME
-    assert find_model(plus_run, NAME).why == "as asked"
+    assert find_model(plus_run, NAME).why == "as requested"
 
 
 @pytest.mark.usefixtures("trained_run")

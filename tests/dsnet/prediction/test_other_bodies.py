@@ -13,13 +13,13 @@ import pytest
 from benchmarks.other_bodies import renumbered
 from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.runs import Run, read_artifact
 from dsnet.cli import main
 from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.load_model import TrainedModel, find_model, load_model
 from dsnet.prediction.moving_body import MovingBody
-from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shape_space import with_betas_on
 from dsnet.stream.streams import Stream
 from dsnet.view.clip_list import open_repertoire
 from dsnet.view.scene import Scene
@@ -119,7 +119,7 @@ def test_a_streamed_file_is_what_is_predicted_of_it(body_file, tmp_path, capsys)
     expected_m = np.concatenate([posed.vertices_m for posed in moving])
     said = capsys.readouterr().err
     bodies = Stream(body=body_file)
-    placed = bodies.placed(load_motion_file(path))
+    placed = bodies.placed(load_motion(path))
     assert capsys.readouterr().err in said
     who = bodies.join(placed.betas)
     found = [bodies.step({who: theta})[who] for theta in placed.theta]
@@ -171,7 +171,7 @@ def test_a_gender_is_asked_for_where_the_file_says_another(body_file, tmp_path, 
         body.save_smpl_npz(tmp_path / "bodies" / f"SMPL_{body.gender.upper()}.npz")
     trained, motion = Controls(gender="male", body=tmp_path / "bodies").load(None, None, path)
     assert trained.body.gender == "male"
-    with_own_shape(motion, trained.body)
+    with_betas_on(motion, trained.body)
     assert "are a neutral body's, the body is male" in capsys.readouterr().err
 
 
@@ -213,7 +213,7 @@ class TestWhoseBetas:
 
     def shaped(self, tmp_path: Path, body: BodyModelData, **changes: object) -> np.ndarray:
         path = walk(130, tmp_path / "in" / "a.npz", betas=self.FILE, **changes)
-        return with_own_shape(load_motion_file(path), body).betas
+        return with_betas_on(load_motion(path), body).betas
 
     def test_are_used_on_a_body_of_their_space(self, tmp_path, capsys):
         np.testing.assert_array_equal(self.shaped(tmp_path, of_others(HOME)), self.FILE)
@@ -232,14 +232,14 @@ class TestWhoseBetas:
 
     def test_beyond_the_bodys_shapes_are_left_out_with_a_line(self, tmp_path, capsys):
         path = walk(5, tmp_path / "in" / "a.npz", betas=np.linspace(-1, 1, 16))
-        found = with_own_shape(load_motion_file(path), of_others(HOME))
+        found = with_betas_on(load_motion(path), of_others(HOME))
         assert found.betas.shape == (10,)
         assert "6 of 16 betas are left out" in capsys.readouterr().err
 
     def test_of_another_kind_of_body_are_no_ones(self, tmp_path, capsys):
         path = walk(5, tmp_path / "in" / "a.npz", betas=self.FILE)
-        motion = replace(load_motion_file(path), kind="smplx")
-        assert not with_own_shape(motion, of_others(HOME)).betas.any()
+        motion = replace(load_motion(path), kind="smplx")
+        assert not with_betas_on(motion, of_others(HOME)).betas.any()
         assert "are SMPL-X's, the body SMPL's" in capsys.readouterr().err
 
     @pytest.mark.parametrize("ours", [False, True])
@@ -253,7 +253,7 @@ class TestWhoseBetas:
     @pytest.mark.parametrize("gender", ["female", "male", "neutral"])
     def test_of_a_gender_are_for_bodies_of_it(self, tmp_path, capsys, gender):
         path = save(tmp_path / "a.npz", smplh(5), betas=self.FILE, gender=gender)
-        found = with_own_shape(load_motion_file(path), of_others(HOME)).betas
+        found = with_betas_on(load_motion(path), of_others(HOME)).betas
         said = f"are a {gender} body's, the body is female" in capsys.readouterr().err
         assert said == (gender != "female") == (not found.any())
 
@@ -266,14 +266,14 @@ class TestWhoseBetas:
     @pytest.mark.parametrize("changes", [{"gender": None}, {"poses": np.zeros((5, 66))}])
     def test_of_nobody_in_particular_are_used_with_a_line(self, tmp_path, capsys, changes):
         path = save(tmp_path / "a.npz", smplh(5) | {"betas": self.FILE}, **changes)
-        motion = load_motion_file(path)
-        found = with_own_shape(motion, of_others(HOME))
+        motion = load_motion(path)
+        found = with_betas_on(motion, of_others(HOME))
         np.testing.assert_array_equal(found.betas, self.FILE)
         (line,) = capsys.readouterr().err.splitlines()
         assert f"{path} does not say whose betas it has: taken as the body's; --shape" in line
-        with_own_shape(motion, of_others(HOME), told=False)
-        with_own_shape(replace(motion, betas=np.zeros(10)), of_others(HOME))
-        with_own_shape(replace(motion, embedded_betas=True), HOME)
+        with_betas_on(motion, of_others(HOME), warn=False)
+        with_betas_on(replace(motion, betas=np.zeros(10)), of_others(HOME))
+        with_betas_on(replace(motion, embedded_betas=True), HOME)
         assert not capsys.readouterr().err
 
 

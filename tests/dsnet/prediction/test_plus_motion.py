@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bridge.body import load_body_model, pose_vertices
-from bridge.motion import load_motion_file, unpack_theta
+from bridge.motion import load_motion, unpack_theta
 from bridge.motion.smoothing import SmoothHz
 from dsnet.cli import main
 from dsnet.prediction.controls import Controls
@@ -34,7 +34,7 @@ def hopping(path: Path, frames: int = 151) -> Path:
 
 
 def theta_of(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    motion = place_motion(load_motion_file(path), BODY)
+    motion = place_motion(load_motion(path), BODY)
     return motion.theta, motion.betas
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from dsnet.cli import main
 from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.moving_body import MovingBody
@@ -141,4 +141,4 @@ def test_markers_of_another_rate_are_refused(known: Known, tmp_path: Path) -> No
     (tmp_path / "take.c3d").write_bytes(c3d(points, list(VERTICES), fps=100.0))
     with pytest.raises(DsnetError, match="one rate"):
         moved(path, Controls(pose="bony"))
-    assert load_motion_file(path).source_fps == 60
+    assert load_motion(path).source_fps == 60

@@ -47,9 +47,7 @@ def test_the_tree_is_the_motions_and_holds_what_each_alone_gives(given, tmp_path
     main(["predict", "--motion", str(given), "--out", str(out)])
     said = capsys.readouterr().err.splitlines()
     assert said[0].startswith("dsnet: 0 motions are done, 5 of 60 frames to do: 5.0 MB to write,")
-    assert (
-        said[1] == "dsnet: of 5 something is odd, which stands under `told` in their manifest.json"
-    )
+    assert said[1] == "dsnet: of 5 there are warnings, under `told` in their manifest.json"
     assert said[2:] == [f"dsnet: 5 motions are in {out}"]
     names = {path.parent.relative_to(out).as_posix() for path in out.rglob("manifest.json")}
     assert names == {f"Set{n % 2}/{n % 3:02d}/{n:03d}_poses" for n in range(5)}
@@ -95,7 +93,7 @@ def test_a_bad_file_in_the_middle_stops_no_other(given, tmp_path, capsys):
         main(["predict", "--motion", str(given), "--out", str(out)])
     said = capsys.readouterr().err.splitlines()
     assert stopped.value.code == 2
-    assert "2 of 7 files, refused as told above" in said[-1]
+    assert "2 of 7 files, refused as listed above" in said[-1]
     assert [line.split()[1].strip(",:") for line in said[2:4]] == [
         "Set1/01/001a_poses.npz",
         "Set1/01/001b_poses.npz",
@@ -156,7 +154,7 @@ def test_another_joint_map_is_another_prediction(tmp_path):
     controls, asked = Controls(joint_map=tmp_path / "joints.txt"), []
     for knee in ("LeftLeg", "Bip01 L Calf"):
         (tmp_path / "joints.txt").write_text(f"left_knee = {knee}\n")
-        asked.append(folders.Asked(None, None, controls, ("vertices",)).config)
+        asked.append(folders.FolderJob(None, None, controls, ("vertices",)).config)
     assert asked[0] != asked[1]
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.exchange.dsnet import join_inputs
-from bridge.motion import load_motion_file, unpack_theta
+from bridge.motion import load_motion, unpack_theta
 from bridge.runs import read_artifact, write_artifact
 from dsnet.cli import main
 from dsnet.prediction.controls import Controls
@@ -38,7 +38,7 @@ def test_vertices_are_the_references(trained_run, trained, tmp_path):
     made.verify()
 
     body = load_body_model("embedded:female")
-    motion = place_motion(load_motion_file(path), body)
+    motion = place_motion(load_motion(path), body)
     wide = {name: array.astype(np.float64) for name, array in trained.weights.items()}
     inputs = join_inputs(motion.theta, motion.betas)
     scaled = (inputs - trained.scaling.input_mean) / trained.scaling.input_std

@@ -47,7 +47,7 @@ def common(fps: int, offsets: np.ndarray, ticks: np.ndarray) -> tuple[np.ndarray
 @pytest.mark.parametrize("fps", [24, 30, 60, 90, 100, 120])
 @pytest.mark.parametrize("cut", [None, 21])
 def test_a_stream_is_its_file_resampled_and_predicted(flesh, tmp_path, fps, cut, monkeypatch):
-    """`load_motion_file` resamples the file, across no cut either; then 1e-5 m.
+    """`load_motion` resamples the file, across no cut either; then 1e-5 m.
 
     Without the splines through slow files, which look ahead.
     """

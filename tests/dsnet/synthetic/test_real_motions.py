@@ -15,7 +15,7 @@ from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
 from bridge.motion import sequences_of, subject_rows, unpack_theta
-from bridge.motion.resampling import load_motion_file
+from bridge.motion.resampling import load_motion
 from bridge.runs import read_artifact
 from dsnet.synthetic import stage_corpus as stage
 from dsnet.synthetic.corpus_motions import CorpusMotions
@@ -119,7 +119,7 @@ def test_noise_is_left_out_of_the_takes_and_their_names_say_so(amass, tmp_path, 
     motions.write_amass(tmp_path / "still.npz", known)
     assert known.source is not None
     still = load_amass_motion(tmp_path / "still.npz").theta
-    own = load_motion_file(known.source, smooth_hz=smooth_hz).theta[: len(still)]
+    own = load_motion(known.source, smooth_hz=smooth_hz).theta[: len(still)]
     np.testing.assert_allclose(still[:, 3:66], own[:, 3:66], atol=1e-4)
 
 

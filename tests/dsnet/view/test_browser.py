@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.parts import PARTS
 from bridge.errors import DsnetError
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.motion.readers.amass import sample_path
 from dsnet.cli import main
 from dsnet.prediction.controls import root_joint_m
@@ -191,7 +191,7 @@ def test_a_file_is_read_as_python_reads_it(dancing, tmp_path, rate, up):
     if up == "y":
         arrays |= y_up(arrays)
     np.savez_compressed(tmp_path / "a.npz", **arrays)
-    found, expected = _read(dancing, tmp_path / "a.npz"), load_motion_file(tmp_path / "a.npz")
+    found, expected = _read(dancing, tmp_path / "a.npz"), load_motion(tmp_path / "a.npz")
     np.testing.assert_allclose(np.reshape(found["theta"], (-1, 69)), expected.theta, atol=1e-12)
     np.testing.assert_array_equal(found["betas"], expected.betas)
     assert found["gender"] == expected.gender
@@ -221,7 +221,7 @@ def _read(shown: Shown, path: Path) -> dict[str, Any]:
 )
 def test_what_a_file_says_is_taken_as_python_takes_it(dancing, tmp_path, changed, words):
     np.savez_compressed(tmp_path / "a.npz", **{**smplh(), **changed})
-    found, expected = _read(dancing, tmp_path / "a.npz"), load_motion_file(tmp_path / "a.npz")
+    found, expected = _read(dancing, tmp_path / "a.npz"), load_motion(tmp_path / "a.npz")
     assert found["gender"] == expected.gender
     np.testing.assert_array_equal(found["betas"], expected.betas)
     assert found["frames"] == len(expected.theta)

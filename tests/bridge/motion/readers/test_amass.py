@@ -13,8 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
-from bridge.motion import load_motion_file
-from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion import load_motion
 from bridge.motion.motion import MOST_FRAMES
 from bridge.motion.readers import amass
 from bridge.motion.readers.amass import CYCLE, SAMPLES, motion_path, sample_path
@@ -226,7 +225,7 @@ def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
 def test_each_is_one_movement_of_four_seconds_or_one_lap(name):
     motion, frames = load_amass_motion(f"sample:{name}"), 61 if name == CYCLE else 240
     assert (motion.gender, motion.fps, len(motion.theta)) == ("female", 60.0, frames)
-    assert pieces_between_cuts(motion.theta) == [slice(0, frames)]
+    assert motion.pieces == [slice(0, frames)]
     assert np.ptp(motion.theta, axis=0).max() > 0.3
     assert sample_path(name).stat().st_size < 50_000
 
@@ -419,7 +418,7 @@ def test_hands_are_resampled_and_smoothed_as_other_joints(target: Path) -> None:
     turn[:, 66] = turn[:, 60]
     file = save(target, smplh(40, 120.0), poses=turn)
     for smooth_hz in (None, 8.0):
-        motion = load_motion_file(file, smooth_hz=smooth_hz)
+        motion = load_motion(file, smooth_hz=smooth_hz)
         assert motion.hands_and_face is not None
         assert motion.hands_and_face.shape == (20, 30, 3)
         np.testing.assert_allclose(motion.hands_and_face[:, 0], motion.pose[:, 20], atol=1e-12)

@@ -10,7 +10,7 @@ from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
-from bridge.motion import load_motion_file, unpack_theta
+from bridge.motion import load_motion, unpack_theta
 from bridge.motion.skeletons import plain_names
 from tests.forged.bvh import Skeleton, text, world_of
 from tests.forged.lively import lively
@@ -74,9 +74,7 @@ def a_pose(down_deg: float = 45.0) -> np.ndarray:
 def test_smpls_own_skeleton_comes_back_in_metres(tmp_path, unit):
     pose, places_m = pose_and_places()
     skeleton = Skeleton(SMPL.names, SMPL.parents, unit * REST_M)
-    motion = load_motion_file(
-        write(tmp_path / "walk.bvh", skeleton, world_of(pose), unit * places_m)
-    )
+    motion = load_motion(write(tmp_path / "walk.bvh", skeleton, world_of(pose), unit * places_m))
     found, trans_m = unpack_theta(motion.theta)
     np.testing.assert_allclose(world_of(found), world_of(pose), atol=1e-6)
     np.testing.assert_allclose(trans_m, places_m, atol=1e-6)
@@ -94,7 +92,7 @@ def test_other_names_lengths_axes_and_rest_poses_keep_the_limbs_directions(tmp_p
     names = [f"mixamorig:{name}" for name in MIXAMO]
     skeleton = Skeleton(names, SMPL_PARENTS, 100 * rest @ z_up.T)
     path = write(tmp_path / "dance.bvh", skeleton, world, 100 * places_m @ z_up.T)
-    found, trans_m = unpack_theta(load_motion_file(path).theta)
+    found, trans_m = unpack_theta(load_motion(path).theta)
     turned = world_of(found)
     for joint, end in LIMBS:
         bone = REST_M[end] - REST_M[joint]
@@ -116,7 +114,7 @@ def test_arms_that_hang_at_rest_hang_in_smpl(tmp_path, down_deg):
     still = np.broadcast_to(np.eye(3), (FRAMES, 24, 3, 3))
     skeleton = Skeleton(MIXAMO, SMPL_PARENTS, a_pose(down_deg))
     path = write(tmp_path / "stand.bvh", skeleton, still, np.zeros((FRAMES, 3)))
-    turned = world_of(unpack_theta(load_motion_file(path).theta)[0])
+    turned = world_of(unpack_theta(load_motion(path).theta)[0])
     for joint, end in LIMBS:
         rest = a_pose(down_deg)
         file_bone, bone = rest[end] - rest[joint], REST_M[end] - REST_M[joint]
@@ -141,7 +139,7 @@ def test_whole_skeletons_of_other_names_are_found(tmp_path, program, calls):
     names = [calls.get(name, name) for name in MIXAMO]
     skeletons = (Skeleton(MIXAMO, SMPL_PARENTS, REST_M), Skeleton(names, SMPL_PARENTS, REST_M))
     first, second = (
-        load_motion_file(write(tmp_path / f"{n}.bvh", one, world_of(pose), places_m)).theta
+        load_motion(write(tmp_path / f"{n}.bvh", one, world_of(pose), places_m)).theta
         for n, one in enumerate(skeletons)
     )
     np.testing.assert_array_equal(first, second)
@@ -150,7 +148,7 @@ def test_whole_skeletons_of_other_names_are_found(tmp_path, program, calls):
 def test_positions_below_the_root_are_places_as_blender_writes_them(tmp_path):
     """Six channels on every joint, under a root that stands still: the pelvis goes by its own."""
     pose, places_m = pose_and_places()
-    plain = load_motion_file(write(tmp_path / "walk.bvh", SMPL, world_of(pose), places_m))
+    plain = load_motion(write(tmp_path / "walk.bvh", SMPL, world_of(pose), places_m))
     skeleton = Skeleton(
         ["Armature", *SMPL.names], [-1, *(1 + parent for parent in SMPL_PARENTS)],
         np.concatenate([np.zeros((1, 3)), REST_M]),
@@ -161,11 +159,11 @@ def test_positions_below_the_root_are_places_as_blender_writes_them(tmp_path):
     local[:, 1] = places_m
     still = np.zeros((FRAMES, 3))
     path = write(tmp_path / "six.bvh", skeleton, world, still, places=local)
-    np.testing.assert_allclose(load_motion_file(path).theta, plain.theta, atol=1e-6)
+    np.testing.assert_allclose(load_motion(path).theta, plain.theta, atol=1e-6)
     # Positions count in place of offsets: longer thighs would move feet, which nobody asks for.
     local[:, 5] *= 1.5
     path = write(tmp_path / "long.bvh", skeleton, world, still, places=local)
-    np.testing.assert_allclose(load_motion_file(path).theta, plain.theta, atol=1e-6)
+    np.testing.assert_allclose(load_motion(path).theta, plain.theta, atol=1e-6)
     local[3, 5, 0] = np.nan
     assert "not all finite" in refused(tmp_path, text(skeleton, world, still, places=local))
 
@@ -176,7 +174,7 @@ def test_a_skeleton_without_collars_and_spine_is_enough(tmp_path):
     skeleton = Skeleton([MIXAMO[joint] for joint in kept], parents, REST_M[kept])
     pose, places_m = pose_and_places()
     path = write(tmp_path / "bare.bvh", skeleton, world_of(pose)[:, kept], places_m)
-    found = unpack_theta(load_motion_file(path).theta)[0]
+    found = unpack_theta(load_motion(path).theta)[0]
     np.testing.assert_allclose(world_of(found)[:, 18], world_of(pose)[:, 18], atol=1e-6)
     np.testing.assert_allclose(found[:, [3, 6, 9, 13, 14]], 0, atol=1e-9)
 
@@ -184,7 +182,7 @@ def test_a_skeleton_without_collars_and_spine_is_enough(tmp_path):
 def test_the_files_rate_is_resampled(tmp_path):
     pose, places_m = pose_and_places()
     path = write(tmp_path / "fast.bvh", SMPL, world_of(pose), places_m, fps=120.0)
-    motion = load_motion_file(path)
+    motion = load_motion(path)
     assert (len(motion.theta), motion.source_fps) == (6, 120.0)
 
 
@@ -202,7 +200,7 @@ def test_names_of_many_programs_are_one(name, other, plain):
 def refused(tmp_path, content: str, name: str = "odd.bvh") -> str:
     (tmp_path / name).write_text(content)
     with pytest.raises(DsnetError) as error:
-        load_motion_file(tmp_path / name)
+        load_motion(tmp_path / name)
     assert "\n" not in str(error.value)
     return str(error.value)
 
@@ -223,7 +221,7 @@ def test_what_cannot_be_followed_is_one_line(tmp_path):
     assert "joint left_hip with a channel twice" in refused(tmp_path, _wider(four))
     assert "does not load" in refused(tmp_path, "")
     with pytest.raises(DsnetError, match="does not exist"):
-        load_motion_file(tmp_path / "none.bvh")
+        load_motion(tmp_path / "none.bvh")
 
 
 def _wider(whole: str) -> str:

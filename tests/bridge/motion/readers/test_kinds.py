@@ -11,8 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
-from bridge.motion import Motion, load_motion_file
-from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion import Motion, load_motion
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Up
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers.joints import motion_from_joints
@@ -129,7 +128,7 @@ def test_a_map_of_what_there_is_not_is_refused(
 
 @cache
 def reference(name: str) -> Motion:
-    return load_motion_file(CASES / name)
+    return load_motion(CASES / name)
 
 
 @pytest.mark.skipif(not CASES.is_dir(), reason="no $DSNET_TEST_CASES")
@@ -141,11 +140,11 @@ def test_no_case_of_others_is_silently_another_motion(pattern: str) -> None:
         bounce = path.name.startswith("38_")
         other = "38_bounce_120fps.npz" if bounce else f"00_reference.{kind}"
         try:
-            motion = load_motion_file(path, 60.0 if path.name.startswith(("54", "65")) else None)
+            motion = load_motion(path, 60.0 if path.name.startswith(("54", "65")) else None)
         except DsnetError:
             continue
         trunk = Rotation.from_rotvec(motion.pose[:, 0]).apply([0.0, 1.0, 0.0])
         assert np.median(trunk[:, 1]) > 0.9, path
         turn_deg, place_m = apart(motion, reference(other))
-        said = motion_warnings(motion, pieces_between_cuts(motion.theta))
+        said = motion_warnings(motion)
         assert (turn_deg < MOST_DEG and place_m < MOST_M) or said, (path, turn_deg, place_m)

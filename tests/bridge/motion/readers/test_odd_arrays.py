@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
-from bridge.motion import Motion, load_motion_file
+from bridge.motion import Motion, load_motion
 from bridge.motion.readers import read_motion_file
 from tests.forged.motion_kinds import FRAMES, joints_m, walk
 
@@ -62,8 +62,8 @@ def test_what_can_be_read_in_two_ways_is_refused(tmp_path, arrays, said):
 def test_of_two_rates_a_user_says_which(tmp_path):
     read(tmp_path, poses=POSE, mocap_framerate=120.0, fps=30.0)
     with pytest.raises(DsnetError, match="or says two"):
-        load_motion_file(tmp_path / "a.npz")
-    assert load_motion_file(tmp_path / "a.npz", 30.0).source_fps == 30
+        load_motion(tmp_path / "a.npz")
+    assert load_motion(tmp_path / "a.npz", 30.0).source_fps == 30
 
 
 def test_a_length_that_the_rate_does_not_give_is_told(tmp_path):

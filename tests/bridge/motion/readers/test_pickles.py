@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.motion.readers import find_motion_files, pickles, read_motion_file
 from tests.forged.amass import save, smplh
 from tests.forged.motion_kinds import (
@@ -32,7 +32,7 @@ FPS = 60.0
 
 def refused(path: Path, fps: float | None = FPS) -> str:
     with pytest.raises(DsnetError) as caught:
-        load_motion_file(path, fps)
+        load_motion(path, fps)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -50,7 +50,7 @@ def test_the_worlds_poses_of_whom_is_seen_longest_are_taken(
     short = person(pose=y_up()[:9], trans=walk()[1][:9], betas=np.zeros((9, 10)))
     whole = person(pose=0 * y_up(), pose_world=y_up(), trans_world=walk()[1])
     path.write_bytes(write({3: short, 7: whole}))
-    motion = load_motion_file(path, FPS)
+    motion = load_motion(path, FPS)
     np.testing.assert_allclose(motion.trans_m, walk()[1], atol=1e-9)
     np.testing.assert_allclose(motion.pose[0], walk()[0][0], atol=1e-6)
     assert "2 people" in motion.notes[0]
@@ -119,7 +119,7 @@ def test_joints_of_mdm_are_its_first_sample(tmp_path: Path) -> None:
     motions = np.stack([joints_m(), 0 * joints_m()]).transpose(0, 2, 3, 1)
     path = tmp_path / "results.npy"
     np.save(path, np.array({"motion": motions, "text": ["walks", "rests"]}, dtype=object))
-    motion = load_motion_file(path)
+    motion = load_motion(path)
     np.testing.assert_allclose(motion.trans_m[0], walk()[1][0], atol=1e-6)
     assert motion.source_fps == 20.0
 

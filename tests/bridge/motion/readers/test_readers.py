@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion import load_motion_file
+from bridge.motion import load_motion
 from bridge.motion.readers import (
     READERS,
     MotionReader,
@@ -44,7 +44,7 @@ def names(motions: list[Path], folder: Path) -> list[str]:
 def test_motions_are_found_and_the_rest_is_counted(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = find_motion_files(folder, "female", known=["50004_hips", "50004_punching"])
+    found = find_motion_files(folder, "female", existing=["50004_hips", "50004_punching"])
     assert names(found, folder) == [
         "MPI_mosh/50004/kicking_poses.npz",
         "MoSh/50020/basketball_stageii.npz",
@@ -135,12 +135,12 @@ def test_a_new_format_is_the_file_and_the_line_that_contributing_shows(
     module = ModuleType("text")
     exec(block, module.__dict__)
     monkeypatch.setitem(READERS, "text", MotionReader((".txt",), module.read))
-    walking = load_motion_file("sample:walking")
+    walking = load_motion("sample:walking")
     lying = load_as_it_lies("sample:walking").theta
     (tmp_path / "anna").mkdir()
     path = tmp_path / "anna" / "walk.txt"
     np.savetxt(path, lying)
-    np.testing.assert_allclose(load_motion_file(path).theta, walking.theta, atol=1e-9)
+    np.testing.assert_allclose(load_motion(path).theta, walking.theta, atol=1e-9)
     assert find_motion_files(tmp_path, "female") == [path]
     assert format_of(path) == "text"
     assert is_real_motion("50004_text_walk")
