@@ -165,10 +165,10 @@ def _read_manifest(path: Path) -> dict[str, Any]:
         received = f"{path}, whose {key!r} no stage wrote"
         raise DsnetError(received, "a manifest written by dsnet", _MADE_AGAIN)
     _compare(path, content_digest(manifest), manifest["sha256"])
+    # Provenance is no part of the content, but reports print it: it has a digest of its own.
     made = dict(manifest["provenance"])
-    # Older manifests have none; it is no part of the content, but reports print what it covers.
-    if (written := made.pop("sha256", None)) is not None:
-        _compare(path, json_sha256(made), written)
+    written = made.pop("sha256")
+    _compare(path, json_sha256(made), written)
     return manifest
 
 
@@ -186,7 +186,7 @@ def _forged_key(manifest: Mapping[str, Any]) -> str | None:
     sequences, predictors = manifest.get("sequences", []), manifest.get("predictors", {})
     sound = {
         "data": manifest["data"] in ("synthetic", "licensed"),
-        "provenance": isinstance(made.get("sha256", ""), str)
+        "provenance": isinstance(made.get("sha256"), str)
         and isinstance(made.get("stamps", {}), dict)
         and _are_texts(made.get("inputs", {})),
         "upstream": all(map(is_plain_name, upstream)) and _are_texts(upstream),

@@ -45,6 +45,7 @@ _AXES: dict[str, tuple[int | str, ...]] = {
     "constant_m": ("C", "CV", 3),
     "by_pose_m": ("F", "FK", 3),
     "look_ahead": (1,),
+    "steps": (1,),
 }
 _ELSEWHERE: dict[str, tuple[int | str, ...]] = {
     "elsewhere/to_betas": ("S", N_BETAS),
@@ -135,11 +136,9 @@ class TrainedPlus:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> TrainedPlus:
         """The inverse of `arrays`."""
-        steps = arrays["steps"].ravel().tolist() if "steps" in arrays else [1]
-        if steps != [STEPS]:
-            received = f"a {NAME} that was trained with {steps} steps a frame"
-            raise DsnetError(received, f"{STEPS} steps", "Train it again: dsnet train.")
         _check_arrays(arrays)
+        if (steps := int(arrays["steps"][0])) != STEPS:
+            raise _refused(f"{steps} steps a frame", f"{STEPS} steps")
         base = {name: arrays[f"log_{name}"] for name in NODE_FIELDS}
         weights = Weights(base, **{name: arrays[name] for name in _LEARNED})
         static = StaticPart(arrays["constant_m"], arrays["by_pose_m"])
