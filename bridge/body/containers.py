@@ -208,11 +208,11 @@ def load_dmpl_directions(path: str | Path) -> NDArray[np.float64]:
 
     with damage_refused(refusal), open_npz(path, MOST_FILE_BYTES) as archive:
         archive.check("eigvec", MOST_BYTES)
-        found = archive.array("eigvec")
-    fits = found.shape[:2] == (N_VERTICES, 3) and found.ndim == 3 and found.dtype.kind in "iuf"
-    if not fits or found.shape[2] < DMPL_DIRECTIONS:
-        raise refusal(f"eigvec of {found.dtype} in shape {found.shape}")
-    directions = found[..., :DMPL_DIRECTIONS].astype(np.float64)
+        eigvec = archive.array("eigvec")
+    fits = eigvec.shape[:2] == (N_VERTICES, 3) and eigvec.ndim == 3 and eigvec.dtype.kind in "iuf"
+    if not fits or eigvec.shape[2] < DMPL_DIRECTIONS:
+        raise refusal(f"eigvec of {eigvec.dtype} in shape {eigvec.shape}")
+    directions = eigvec[..., :DMPL_DIRECTIONS].astype(np.float64)
     columns = directions.reshape(-1, DMPL_DIRECTIONS)
     if not np.isfinite(columns).all() or np.linalg.matrix_rank(columns) < DMPL_DIRECTIONS:
         raise refusal("directions that are parallel, or not numbers")

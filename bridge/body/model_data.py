@@ -265,8 +265,8 @@ def _check(data: BodyModelData) -> None:
         raise _invalid(data, indices, f"0 to {vertex_count - 1}")
     if parents != (known := SKELETONS[data.kind][1]):
         joint = next(joint for joint in range(joints) if parents[joint] != known[joint])
-        found = f"joint {joint} has parent {parents[joint]}: another skeleton"
-        raise _invalid(data, found, f"parent {known[joint]}, as in {data.kind}")
+        received = f"joint {joint} has parent {parents[joint]}: another skeleton"
+        raise _invalid(data, received, f"parent {known[joint]}, as in {data.kind}")
     for name in ("weights", "J_regressor"):
         sums = np.asarray(getattr(data, name).sum(axis=1)).ravel()
         if (worst := float(np.abs(sums - 1.0).max(initial=0.0))) > 1e-3:

@@ -141,10 +141,10 @@ def refuse_nonfinite(weights: Mapping[str, NDArray], owner: str, remedy: str) ->
 def check_shapes(weights: Mapping[str, NDArray], wanted: Shapes, whose: str, remedy: str) -> None:
     """Refuse weights of which a name or a shape differs from those `wanted`, which are `whose`."""
     given = {name: array.shape for name, array in weights.items()}
-    if odd := sorted({name for name, _ in wanted.items() ^ given.items()}):
+    if differing := sorted({name for name, _ in wanted.items() ^ given.items()}):
         first = next(iter(wanted))
         raise DsnetError(
-            f"weights that differ from {whose} in {', '.join(odd)}",
+            f"weights that differ from {whose} in {', '.join(differing)}",
             f"{len(wanted)} arrays such as {first} {wanted[first]}",
             remedy,
         )

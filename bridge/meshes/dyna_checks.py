@@ -60,7 +60,7 @@ def check_items(path: Path, file: h5py.File) -> None:
 
 
 def is_sequence(name: str, item: object) -> bool:
-    """Whether an item of a file means to be a sequence: keys are found, not assumed.
+    """Whether an item of a file is meant to be a sequence: no list of names is assumed.
 
     That is each data set named after a subject or of three dimensions or more; `check_sequence`
     refuses those that are none, which would be missed by nobody if they were left out here.

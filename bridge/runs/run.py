@@ -130,7 +130,7 @@ class Run:
 
         for stage in stages:
             is_old(stage)
-        if not (old := [stage for stage, found in seen.items() if found]):
+        if not (old := [stage for stage, stage_is_old in seen.items() if stage_is_old]):
             return
         remade = ", ".join(map(repr, dict.fromkeys(newer)))
         those = f"stages {', '.join(old)} are" if len(old) > 1 else f"stage {old[0]} is"
