@@ -1,4 +1,4 @@
-"""What a user is told: the one exception that there is to read, and lines that need no answer."""
+"""User-facing errors and notices: the exception that users see, and lines on stderr."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def printable(text: str) -> str:
 
 
 def _shortened(text: str) -> str:
-    """What a stranger's file or a command line was full of, without its middle."""
+    """A long text, as from a damaged file or a command line, without its middle."""
     half = _LONGEST // 2
     return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
 

@@ -64,20 +64,20 @@ def numbers_by_name(
     option: str, words: Iterable[str], names: Sequence[str], bounds: Bounds, remedy: str
 ) -> dict[str, float]:
     """What words such as `belly=2` say, each name of `names` at most once."""
-    said: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     for word in words:
         name, _, text = word.partition("=")
-        if name not in names or name in said:
-            again = ", said before" if name in said else ""
+        if name not in names or name in numbers:
+            again = ", given before" if name in numbers else ""
             expected = f"each of {', '.join(names)} at most once"
             raise DsnetError(f"{option} {word}{again}", expected, did_you_mean(name, names, remedy))
         try:
-            said[name] = float(text)
+            numbers[name] = float(text)
         except ValueError:
-            said[name] = math.nan
-        if not bounds.hold(said[name]):
+            numbers[name] = math.nan
+        if not bounds.hold(numbers[name]):
             raise DsnetError(f"{option} {word}", f"a number, {bounds}", remedy)
-    return said
+    return numbers
 
 
 def check_seed(text: str) -> None:

@@ -25,26 +25,26 @@ VARIABLE = "DSNET_PLUGINS"
 Entry = TypeVar("Entry")
 
 
-def with_plugins(kind: str, own: Mapping[str, Entry]) -> dict[str, Entry]:
-    """The product's own entries by name, and after them those of the function `kind` of plugins."""
-    found = dict(own)
+def with_plugins(kind: str, built_in: Mapping[str, Entry]) -> dict[str, Entry]:
+    """The entries of the product by name, then those of the function `kind` of plugins."""
+    entries = dict(built_in)
     for module in os.environ.get(VARIABLE, "").split():
         try:
             added = dict(getattr(importlib.import_module(module), kind, dict)())
-        except Exception as error:  # a stranger's module can fail in any way
+        except Exception as error:  # a plugin can fail in any way
             raise DsnetError(
                 f"{VARIABLE} with {module}: {type(error).__name__}: {error}",
                 "modules that can be imported",
                 f"Correct {VARIABLE}, or set PYTHONPATH to the folder that holds the module.",
             ) from error
-        if taken := found.keys() & added.keys():
+        if taken := entries.keys() & added.keys():
             raise DsnetError(
                 f"{VARIABLE} with {module}, which registers {', '.join(sorted(taken))} anew",
                 "names that are not taken",
                 f"Rename what it registers, or leave it out of {VARIABLE}.",
             )
-        found |= added
-    return found
+        entries |= added
+    return entries
 
 
 def entry_named(name: str, flag: str, entries: Mapping[str, Entry]) -> Entry:

@@ -97,17 +97,17 @@ def exit_with_one_line(*, answer_signals: bool = True) -> Iterator[None]:
                 raise
             _is_printed()
             place = f"{error.filename}: " if error.filename else ""
-            # Libraries put a paragraph of their own into `error.strerror`.
-            said = f"{place}{os.strerror(error.errno)}"
-            _end(DsnetError(said, *_EXPECTED[error.errno]), 2)
+            # Some libraries put a whole paragraph into `error.strerror`.
+            received = f"{place}{os.strerror(error.errno)}"
+            _end(DsnetError(received, *_EXPECTED[error.errno]), 2)
         except KeyboardInterrupt as error:
             _be_deaf()
             number = _number_of(error)
             _end(_line_of(number), 128 + number)
 
 
-def _end(said: object, status: int) -> NoReturn:
-    print(f"dsnet: {said}", file=sys.stderr)  # noqa: T201
+def _end(message: object, status: int) -> NoReturn:
+    print(f"dsnet: {message}", file=sys.stderr)  # noqa: T201
     sys.exit(status)
 
 
@@ -228,12 +228,12 @@ def outcome_of_module(module: str, *arguments: str, quiet: bool = True) -> tuple
         )
     with child:
         try:
-            said = child.stderr.read() if child.stderr else ""
+            printed = child.stderr.read() if child.stderr else ""
             child.wait()
         except BaseException:
             child.kill()
             raise
-    return child.returncode, said
+    return child.returncode, printed
 
 
 def end_with_parent() -> None:

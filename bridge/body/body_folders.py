@@ -86,9 +86,9 @@ def _bodies_below(folder: Path) -> Iterator[_Body]:
             path = Path(below, name)
             if name.startswith(".") or path.suffix.lower() not in _SUFFIXES:
                 continue
-            words, own = _words(path.relative_to(folder)), {*_words(Path(name))}
-            # A body by its own name is one in any folder: MANO's download has SMPL-H's.
-            judged = own if own & _KIND_WORDS.keys() else {*words}
+            words, name_words = _words(path.relative_to(folder)), {*_words(Path(name))}
+            # A body by its file name is one in any folder: MANO's download has SMPL-H's.
+            judged = name_words if name_words & _KIND_WORDS.keys() else {*words}
             if not _NO_BODIES & judged:
                 kinds = [_KIND_WORDS[word] for word in words if word in _KIND_WORDS]
                 yield _Body(path, gender_in_path(path), kinds[-1] if kinds else None)
@@ -103,7 +103,7 @@ def _order(path: Path) -> tuple[int, int, str]:
 
 
 def _kind_inside(path: Path) -> str | None:
-    """Of a name that does not tell it."""
+    """The kind of a body whose name does not say it."""
     try:
         with open_npz(path) as archive:
             return KIND_OF_JOINTS.get(archive["weights"].shape[-1])

@@ -55,7 +55,7 @@ def load_body_model(
     """Load `embedded:female`, `embedded:male`, a model file of SMPL, SMPL-H or SMPL-X, or the file
     of a folder that fits a motion's `gender` and `kind` (`smpl`, `smplh`, `smplx`).
 
-    `notes` of the result say which file was taken, and what else is odd about it.
+    `notes` of the result say which file was taken, and what else is unusual about it.
 
     Raises
     ------

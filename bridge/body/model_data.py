@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import pickle
-import tempfile
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any, Literal, NamedTuple
@@ -15,6 +14,7 @@ import scipy.sparse as sp
 
 from bridge.errors import DsnetError
 from bridge.paper import N_JOINTS
+from bridge.runs.files import written_whole
 
 Kind = Literal["smpl", "smplh", "smplx"]
 JOINT_COUNT = 24
@@ -181,13 +181,15 @@ class BodyModelData:
         """Write the model as `SMPL_*.npz`, `SMPLH_*.npz` or `SMPLX_*.npz`: dense arrays only."""
         fields = _smpl_fields(self)
         fields["J_regressor"] = self.J_regressor.toarray()
-        _write_atomically(path, lambda file: np.savez_compressed(file, **fields))
+        with _opened_to_write(path) as file:
+            np.savez_compressed(file, **fields)
 
     def save_smpl_pkl(self, path: str | Path) -> None:
         """Write the model as SMPL's `.pkl`: a protocol 2 pickle with a sparse regressor."""
         fields = _smpl_fields(self)
         fields["J_regressor"] = sp.csc_matrix(self.J_regressor)
-        _write_atomically(path, lambda file: pickle.dump(fields, file, protocol=2))
+        with _opened_to_write(path) as file:
+            pickle.dump(fields, file, protocol=2)
 
 
 def _smpl_fields(data: BodyModelData) -> dict[str, Any]:
@@ -214,15 +216,11 @@ def _smpl_fields(data: BodyModelData) -> dict[str, Any]:
     return fields
 
 
-def _write_atomically(path: str | Path, write: Callable[[IO[bytes]], None]) -> None:
-    """Write beside `path` and rename into place, so that no reader meets half a file."""
-    path = Path(path)
+@contextmanager
+def _opened_to_write(path: str | Path) -> Iterator[IO[bytes]]:
     try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as folder:
-            temporary = Path(folder) / path.name
-            with temporary.open("wb") as file:
-                write(file)
-            os.replace(temporary, path)
+        with written_whole(Path(path)) as partial, partial.open("wb") as file:
+            yield file
     except OSError as error:
         raise DsnetError(
             f"cannot write {path} ({error.strerror})",
@@ -267,8 +265,8 @@ def _check(data: BodyModelData) -> None:
         raise _invalid(data, indices, f"0 to {vertex_count - 1}")
     if parents != (known := SKELETONS[data.kind][1]):
         joint = next(joint for joint in range(joints) if parents[joint] != known[joint])
-        found = f"joint {joint} has parent {parents[joint]}: another skeleton"
-        raise _invalid(data, found, f"parent {known[joint]}, as in {data.kind}")
+        received = f"joint {joint} has parent {parents[joint]}: another skeleton"
+        raise _invalid(data, received, f"parent {known[joint]}, as in {data.kind}")
     for name in ("weights", "J_regressor"):
         sums = np.asarray(getattr(data, name).sum(axis=1)).ravel()
         if (worst := float(np.abs(sums - 1.0).max(initial=0.0))) > 1e-3:

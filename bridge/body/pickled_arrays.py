@@ -68,7 +68,7 @@ def holds_objects(dtype: Record) -> bool:
 
 
 def _of_objects(items: Any, sizes: tuple[int, ...]) -> np.ndarray:
-    """Numbers that somebody stored as objects, one by one."""
+    """Numbers that were stored as objects, one by one."""
     numbers = isinstance(items, list) and all(isinstance(item, (int, float)) for item in items)
     if not numbers or len(items) != math.prod(sizes):
         raise UnpicklingError("an array of neither numbers nor text")

@@ -138,8 +138,8 @@ def joint_rotations(data: BodyModelData, pose: np.ndarray) -> np.ndarray:
 def fitted_betas(
     data: BodyModelData, betas: NDArray[np.floating]
 ) -> tuple[NDArray[np.float64], str | None]:
-    """(k,) the coefficients that a body has shapes for, of all that a file has, and what is to be
-    said of the others."""
+    """(k,) the coefficients that a body has shapes for, of all that a file has, and a note about
+    the others."""
     betas = np.asarray(betas, np.float64)
     shapes = data.shapedirs.shape[2]
     if len(betas) == _WITH_A_KIDS < shapes:

@@ -128,10 +128,10 @@ def load_restricted(
                 _set(stack[-3], stack[-2:])
                 del stack[-2:]
             case "GLOBAL":
-                module, _, found = argument.partition(" ")
-                stack.append(_found(module, found))
+                module, _, attribute = argument.partition(" ")
+                stack.append(_global_named(module, attribute))
             case "STACK_GLOBAL":
-                stack[-2:] = [_found(*stack[-2:])]
+                stack[-2:] = [_global_named(*stack[-2:])]
             case "REDUCE" | "NEWOBJ":
                 stack[-2:] = [_made(*stack[-2:])]
             case "BUILD":
@@ -187,7 +187,7 @@ def _set(target: Any, items: list[Any]) -> None:
     target.update(zip(items[::2], items[1::2], strict=True))
 
 
-def _found(module: Any, name: Any) -> Global:
+def _global_named(module: Any, name: Any) -> Global:
     if not isinstance(module, str) or not isinstance(name, str):
         raise UnpicklingError("it asks to run what has no name")
     if module.split(".")[0] == "chumpy":

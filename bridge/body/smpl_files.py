@@ -1,7 +1,7 @@
 """Read body model files of SMPL, SMPL-H and SMPL-X as their owners distribute them and others save
 them again: fields by any of their names, arrays in any of their layouts.
 
-What is another model, a motion, or no person in metres, is refused by name.
+Another model, a motion, or what is no person in metres is refused.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from safetensors import SafetensorError
 
 from bridge.body.body_checks import checked_person, checked_surface
-from bridge.body.containers import MODELS, TEXTURE, read_fields, refused
+from bridge.body.containers import TEXTURE, read_fields, refused
 from bridge.body.model_data import (
     GENDER_FIELD,
     GENDERS,
@@ -55,29 +55,15 @@ _FIELDS = {
 }
 _WANTED = {name: MOST_BYTES for field in _FIELDS.values() for name in field.names}
 _WANTED |= {SOURCE_FIELD: 1 << 12, GENDER_FIELD: 1 << 12} | dict.fromkeys(TEXTURE, MOST_BYTES)
+_MOTION = ("a motion", "Pass it to --motion")
 _BY_FIELD: dict[str, tuple[str, str]] = {
     "eigvec": ("DMPL's directions of soft tissue", "Pass it to --dmpl"),
-    "skin_template_v": ("SKEL's, another skeleton", MODELS),
-    "vertices_template": ("SMPL++'s, with vertices_template and other names, faces from 1",
-                          "Pass the file that it was made from"),
-    "hands_components": ("MANO's, a hand", MODELS),
-    **dict.fromkeys(("components", "componentsl"), ("a prior of hands' poses", MODELS)),
-    **dict.fromkeys(
-        (
-            "poses", "fullpose", "pose_body", "body_pose", "pose", "smpl_poses", "pose_world",
-            "smpl_params_global", "trans",
-        ),
-        ("a motion", "Pass it to --motion"),
-    ),
-}  # fmt: skip
-"""What a file is that has such a field, and no model's."""
-_BY_JOINTS = {
-    5: "FLAME's, a head", 16: "MANO's, a hand", 33: "SMAL's, an animal",
-    35: "SMAL's, an animal", 36: "SMAL's, an animal", 75: "SUPR's",
-}  # fmt: skip
-_BY_POSEDIRS = {93: "STAR's, which poses otherwise"}
+    **dict.fromkeys(("poses", "fullpose", "pose_body", "body_pose", "pose", "smpl_poses"), _MOTION),
+    **dict.fromkeys(("pose_world", "smpl_params_global", "trans"), _MOTION),
+}
+"""What a file is that has such a field but no `v_template`, and what to do with it."""
 _LAYOUTS = {20: 10, 400: 300}
-"""Of SMPL-X's columns, shapes before expressions; of others in between nobody can tell."""
+"""Of SMPL-X's columns, shapes before expressions; other counts in between are ambiguous."""
 _SURELY_SHAPES = 10
 
 
@@ -92,7 +78,7 @@ def load_smpl_file(path: str | Path) -> BodyModelData:
     path = Path(path)
     safely = partial(damage_refused, partial(_unreadable, path), RecursionError, SafetensorError)
     with safely():
-        fields = _own_names(read_fields(path, _WANTED))
+        fields = _by_smpl_names(read_fields(path, _WANTED))
     _check_what_it_is(path, fields)
     with safely():
         arrays = {name: _numbers(name, fields[name]) for name in _FIELDS if name in fields}
@@ -101,21 +87,21 @@ def load_smpl_file(path: str | Path) -> BodyModelData:
     return checked_surface(checked_person(data))
 
 
-def _own_names(fields: Mapping[str, Any]) -> dict[str, Any]:
+def _by_smpl_names(fields: Mapping[str, Any]) -> dict[str, Any]:
     """Fields under the first of their names; of a checkpoint, whatever module they lie in."""
     if "v_template" not in fields:
         inner = (one for one in fields.values() if isinstance(one, dict) and "v_template" in one)
         fields = next(inner, None) or {n.rpartition(".")[2]: v for n, v in fields.items()}
-    found = {str(name): value for name, value in fields.items()}
-    for own, field in _FIELDS.items():
+    named = {str(name): value for name, value in fields.items()}
+    for smpl_name, field in _FIELDS.items():
         for name in field.names[1:]:
-            if own not in found and name in found:
-                found[own] = found[name]
-    return found
+            if smpl_name not in named and name in named:
+                named[smpl_name] = named[name]
+    return named
 
 
 def _check_what_it_is(path: Path, fields: Mapping[str, Any]) -> None:
-    missing = [own for own, field in _FIELDS.items() if field.needed and own not in fields]
+    missing = [name for name, field in _FIELDS.items() if field.needed and name not in fields]
     if not missing:
         return
     inner = (one for one in fields.values() if isinstance(one, dict))
@@ -143,14 +129,11 @@ def _in_layout(path: Path, arrays: Mapping[str, np.ndarray]) -> dict[str, np.nda
     joints = weights.shape[-1] if weights.ndim == 2 else 0
     if weights.ndim == 2 and weights.shape[0] != vertices == weights.shape[1]:
         joints = weights.shape[0]
-    last = arrays["posedirs"].shape[-1] if arrays["posedirs"].ndim == 3 else 0
-    if other := _BY_JOINTS.get(joints) or _BY_POSEDIRS.get(last):
-        raise refused(path, f"{other} ({joints} joints)")
     if joints not in KIND_OF_JOINTS:
-        found = f"weights has shape {weights.shape}: a skeleton of {joints} joints"
-        raise refused(path, found, f"({vertices}, 24 or 52 or 55)")
+        received = f"weights has shape {weights.shape}: a skeleton of {joints} joints"
+        raise refused(path, received, f"({vertices}, 24 or 52 or 55)")
     sizes = {"V": vertices, "3": 3, "2": 2, "J": joints, "P": 9 * (joints - 1)}
-    found = {}
+    in_layout = {}
     for name, array in arrays.items():
         shape = tuple(sizes.get(letter) for letter in _FIELDS[name].shape)
         if name == "kintree_table" and array.size == joints:  # parents alone
@@ -158,8 +141,8 @@ def _in_layout(path: Path, arrays: Mapping[str, np.ndarray]) -> dict[str, np.nda
         if (fitted := _fitted(array, shape)) is None:
             text = ", ".join(str(size or "any") for size in shape)
             raise refused(path, f"{name} has shape {array.shape}", f"shape ({text})")
-        found[name] = fitted
-    return found
+        in_layout[name] = fitted
+    return in_layout
 
 
 def _fitted(array: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray | None:
@@ -231,7 +214,7 @@ def _texture(fields: Mapping[str, Any], faces: tuple[int, ...]) -> Texture | Non
 def _shapes_of(
     path: Path, arrays: Mapping[str, np.ndarray], joints: int
 ) -> tuple[int, tuple[str, ...]]:
-    """How many columns of `shapedirs` are shapes, and what is to be said of it."""
+    """How many columns of `shapedirs` are shapes, and a note where that is ambiguous."""
     columns = arrays["shapedirs"].shape[2]
     if SHAPES_FIELD in arrays and arrays[SHAPES_FIELD].size == 1:
         return min(max(int(arrays[SHAPES_FIELD].item()), 1), columns), ()

@@ -200,11 +200,11 @@ class TrainedDsnet:
     ) -> TrainedDsnet:
         """The inverse of `arrays`; without `scaling/...`, nothing is scaled."""
         names = [field.name for field in fields(Scaling)]
-        scaled = _SCALING + names[0] in arrays
         weights = {n: array for n, array in arrays.items() if not n.startswith(_SCALING)}
-        if not scaled:
-            return cls(name, weights, Scaling.identity(), layers)
-        return cls(name, weights, Scaling(*(arrays[_SCALING + n] for n in names)), layers)
+        scaling = Scaling.identity()
+        if _SCALING + names[0] in arrays:
+            scaling = Scaling(*(arrays[_SCALING + n] for n in names))
+        return cls(name, weights, scaling, layers)
 
     @property
     def is_papers(self) -> bool:
@@ -270,4 +270,4 @@ def check_trained(train: Artifact, name: str) -> None:
     if name not in there:
         command = f"dsnet train --predictors {' '.join(there)} NAME"
         remedy = f"Name one of these, or train it too: {command}."
-        raise unknown_name(f"predictor {name!r} asked of {train.path}", name, there, remedy)
+        raise unknown_name(f"predictor {name!r} of {train.path}", name, there, remedy)

@@ -1,4 +1,4 @@
-"""How an engine is asked: one process for all its cases, a folder of arrays in, another out.
+"""How an engine is called: one process for all its cases, a folder of arrays in, another out.
 
 A request is `<engine>.json`, the list of its cases, and a file for each set of arrays; all
 numbers in it are float32, so every engine starts from the same ones whatever it computes in. An
@@ -58,8 +58,8 @@ def answer(
             continue
         save_tensors(out / f"{name}.safetensors", tensors)
     versions = {package: version_of(package) for package in ("numpy", *packages)}
-    said = json.dumps({"versions": versions, "errors": errors}, indent=1)
-    (out / "answer.json").write_text(said, encoding="utf-8")
+    report = json.dumps({"versions": versions, "errors": errors}, indent=1)
+    (out / "answer.json").write_text(report, encoding="utf-8")
 
 
 def save_tensors(path: Path, tensors: Tensors) -> None:

@@ -50,7 +50,7 @@ def layers_as_json(layers: Iterable[Layer]) -> list[dict[str, Any]]:
 
 def layers_from_json(entries: Sequence[Mapping[str, Any]]) -> tuple[Layer, ...]:
     """The inverse of `layers_as_json`; DsnetError if an entry is no layer."""
-    found = []
+    layers = []
     for entry in entries:
         try:
             layer = Layer(**entry)
@@ -64,5 +64,5 @@ def layers_from_json(entries: Sequence[Mapping[str, Any]]) -> tuple[Layer, ...]:
                 f"a kind of {', '.join(KINDS)} with an activation of {', '.join(ACTIVATIONS)}",
                 "Train the network again by `dsnet train`.",
             )
-        found.append(layer)
-    return tuple(found)
+        layers.append(layer)
+    return tuple(layers)

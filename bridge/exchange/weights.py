@@ -40,7 +40,7 @@ from safetensors.numpy import load_file, save_file
 from bridge.errors import DsnetError, notify
 from bridge.paper import DSNET_WIDTHS, FEATURES, INFERRED_WIDTHS, INPUT_SIZE, LATENT_SIZE
 from bridge.runs import Artifact
-from bridge.runs.files import arrays_sha256
+from bridge.runs.files import arrays_sha256, written_whole
 from bridge.runs.untrusted import damage_refused, is_of_the_machine, open_regular
 
 _MOST_HEADER_BYTES = 1 << 20
@@ -97,18 +97,16 @@ _KERAS_VARIABLES = {"weight": "kernel", "bias": "bias"}
 
 def save_weights(path: Path | str, weights: Mapping[str, NDArray], **metadata: str) -> None:
     """Write named arrays atomically into a safetensors file; `metadata` holds strings only."""
-    path = Path(path)
-    partial = path.with_name(f".{path.name}.partial")
     arrays = {name: np.require(array, requirements="C") for name, array in weights.items()}
-    try:
-        save_file(arrays, partial, metadata=metadata)
-    except SafetensorError as error:
-        # Of the system's own refusal, such as a full disk, the library gives the text.
-        if found := re.search(r"os error (\d+)", str(error)):
-            number = int(found[1])
+    with written_whole(Path(path)) as partial:
+        try:
+            save_file(arrays, partial, metadata=metadata)
+        except SafetensorError as error:
+            # Of the system's own refusal, such as a full disk, the library gives the text.
+            if not (refused := re.search(r"os error (\d+)", str(error))):
+                raise
+            number = int(refused[1])
             raise OSError(number, os.strerror(number), str(partial)) from error
-        raise
-    os.replace(partial, path)
 
 
 def load_weights(path: Path | str) -> dict[str, NDArray]:
@@ -143,10 +141,10 @@ def refuse_nonfinite(weights: Mapping[str, NDArray], owner: str, remedy: str) ->
 def check_shapes(weights: Mapping[str, NDArray], wanted: Shapes, whose: str, remedy: str) -> None:
     """Refuse weights of which a name or a shape differs from those `wanted`, which are `whose`."""
     given = {name: array.shape for name, array in weights.items()}
-    if odd := sorted({name for name, _ in wanted.items() ^ given.items()}):
+    if differing := sorted({name for name, _ in wanted.items() ^ given.items()}):
         first = next(iter(wanted))
         raise DsnetError(
-            f"weights that differ from {whose} in {', '.join(odd)}",
+            f"weights that differ from {whose} in {', '.join(differing)}",
             f"{len(wanted)} arrays such as {first} {wanted[first]}",
             remedy,
         )

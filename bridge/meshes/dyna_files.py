@@ -67,19 +67,20 @@ class DynaSequence:
 def dyna_sequences(paths: Iterable[Path | str]) -> list[DynaSequence]:
     """The sequences of one or more files, in file order; DsnetError if a file is missing, damaged,
     of another layout, in other units, turned, or holds a sequence name twice."""
-    found: dict[str, DynaSequence] = {}
+    sequences: dict[str, DynaSequence] = {}
     for path in map(Path, paths):
         for sequence in _sequences_of(path):
-            if sequence.name in found:
+            if sequence.name in sequences:
+                first = sequences[sequence.name].path
                 raise DsnetError(
-                    f"sequence {sequence.name} twice, in {found[sequence.name].path} and {path}",
+                    f"sequence {sequence.name} twice, in {first} and {path}",
                     "every sequence once",
                     "Pass each file once, and not Dyna's and D-FAUST's of the same people.",
                 )
-            found[sequence.name] = sequence
-    if not found:
+            sequences[sequence.name] = sequence
+    if not sequences:
         raise DsnetError("no mesh file", LAYOUT, "Pass --dyna FILE.h5.")
-    return list(found.values())
+    return list(sequences.values())
 
 
 def _sequences_of(path: Path) -> list[DynaSequence]:
@@ -91,17 +92,17 @@ def _sequences_of(path: Path) -> list[DynaSequence]:
         open_regular(path).close()
     with _opened(path) as file:
         dyna_checks.check_items(path, file)
-        found = [
+        sequences = [
             DynaSequence(path.resolve(), name, dyna_checks.check_sequence(path, name, item))
             for name, item in file.items()
             if dyna_checks.is_sequence(name, item)
         ]
-        if not found:
+        if not sequences:
             raise DsnetError(f"{path}: no sequences among {list(file)[:5]}", LAYOUT, REMEDY)
         faces = dyna_checks.read_faces(path, file.get(FACES_KEY))
-    for sequence in found:
+    for sequence in sequences:
         dyna_checks.check_standing(path, sequence.name, sequence.read(0, 1)[0], faces)
-    return found
+    return sequences
 
 
 @contextmanager
@@ -121,21 +122,21 @@ def of_one_gender(sequences: Sequence[DynaSequence], gender: str) -> list[DynaSe
     `--dyna dyna_female.h5 dyna_male.h5` serves either body model. Refused if nothing remains, or
     if the body model's gender cannot choose between women and men.
     """
-    strangers = set(DYNA_SUBJECTS.get(_OTHER.get(gender, ""), ()))
+    of_other_gender = set(DYNA_SUBJECTS.get(_OTHER.get(gender, ""), ()))
     subjects = {sequence.subject for sequence in sequences}
-    if subjects <= strangers:
+    if subjects <= of_other_gender:
         raise DsnetError(
             f"subjects {sorted(subjects)}, who are {_OTHER[gender]}, with a {gender} body model",
             f"Dyna's {gender} subjects {', '.join(DYNA_SUBJECTS[gender])}",
             f"Pass the {_OTHER[gender]} body model, or the {gender} mesh file.",
         )
-    if not strangers and all(subjects & set(known) for known in DYNA_SUBJECTS.values()):
+    if not of_other_gender and all(subjects & set(known) for known in DYNA_SUBJECTS.values()):
         raise DsnetError(
             f"women and men ({', '.join(sorted(subjects))}) with a body model of gender {gender}",
             "one gender a run, as in the paper",
             "Pass SMPL's female or male model, or mesh files of one gender.",
         )
-    kept = [sequence for sequence in sequences if sequence.subject not in strangers]
+    kept = [sequence for sequence in sequences if sequence.subject not in of_other_gender]
     if left_out := len(sequences) - len(kept):
         why = f"{_OTHER[gender]} subjects, {gender} body model"
         notify(f"{left_out} of {len(sequences)} sequences left out: {why}")

@@ -68,8 +68,8 @@ class Artifact:
         shape, dtype = tuple(entry["shape"]), np.dtype(entry["dtype"])
 
         def refusal(error: Exception) -> DsnetError:
-            said = f"{path}, which does not hold what {MANIFEST} says ({str(error)[:200]})"
-            return DsnetError(said, f"{dtype} of shape {shape}", _MADE_AGAIN)
+            received = f"{path}, which does not hold what {MANIFEST} says ({str(error)[:200]})"
+            return DsnetError(received, f"{dtype} of shape {shape}", _MADE_AGAIN)
 
         with damage_refused(refusal):
             array = map_npy(path)
@@ -95,8 +95,8 @@ class Artifact:
         for name, expected in self.digests.items():
             path = self.path / name
             _compare(path, file_sha256(path) if path.is_file() else "no file", expected)
-        found = (path for path in self.path.rglob("*") if not path.is_dir())
-        names = {path.relative_to(self.path).as_posix() for path in found}
+        paths = (path for path in self.path.rglob("*") if not path.is_dir())
+        names = {path.relative_to(self.path).as_posix() for path in paths}
         if foreign := sorted(names - {MANIFEST, *self.digests}):
             raise DsnetError(
                 f"{self.path / foreign[0]}, which is not part of the artifact",
@@ -106,13 +106,13 @@ class Artifact:
 
     def _unchanged(self, name: str, digest: str) -> Path:
         path = self.path / name
-        found = self.present_sha256(path, name, digest) if path.is_file() else "no file"
-        _compare(path, found, digest)
+        present = self.present_sha256(path, name, digest) if path.is_file() else "no file"
+        _compare(path, present, digest)
         return path
 
 
 class _Entries(dict[str, Any]):
-    """Values in a manifest; who asks for one that is missing is told."""
+    """Values in a manifest; a missing one is a DsnetError."""
 
     def __init__(self, path: Path, values: Mapping[str, Any]) -> None:
         super().__init__(values)
@@ -122,10 +122,10 @@ class _Entries(dict[str, Any]):
         raise DsnetError(f"{self._path} without {key!r}", f"one of {sorted(self)}", _MADE_AGAIN)
 
 
-def _compare(path: Path, found: str, expected: str) -> None:
-    if found != expected:
+def _compare(path: Path, present: str, expected: str) -> None:
+    if present != expected:
         raise DsnetError(
-            f"{path} with SHA-256 {found}",
+            f"{path} with SHA-256 {present}",
             expected,
             "It changed after it was written: delete the folder and run its stage again.",
         )
@@ -165,10 +165,10 @@ def _read_manifest(path: Path) -> dict[str, Any]:
         received = f"{path}, whose {key!r} no stage wrote"
         raise DsnetError(received, "a manifest written by dsnet", _MADE_AGAIN)
     _compare(path, content_digest(manifest), manifest["sha256"])
+    # Provenance is no part of the content, but reports print it: it has a digest of its own.
     made = dict(manifest["provenance"])
-    # Older manifests have none; it is no part of the content, but reports print what it covers.
-    if (written := made.pop("sha256", None)) is not None:
-        _compare(path, json_sha256(made), written)
+    written = made.pop("sha256")
+    _compare(path, json_sha256(made), written)
     return manifest
 
 
@@ -186,7 +186,7 @@ def _forged_key(manifest: Mapping[str, Any]) -> str | None:
     sequences, predictors = manifest.get("sequences", []), manifest.get("predictors", {})
     sound = {
         "data": manifest["data"] in ("synthetic", "licensed"),
-        "provenance": isinstance(made.get("sha256", ""), str)
+        "provenance": isinstance(made.get("sha256"), str)
         and isinstance(made.get("stamps", {}), dict)
         and _are_texts(made.get("inputs", {})),
         "upstream": all(map(is_plain_name, upstream)) and _are_texts(upstream),

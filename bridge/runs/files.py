@@ -39,11 +39,22 @@ def is_finished(folder: Path) -> bool:
     return (folder / MANIFEST).is_file()
 
 
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """Where to write a file that is renamed to `path` at the end, so that no reader meets half."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        yield partial
+        os.replace(partial, path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+
+
 def write_text_atomically(path: Path, text: str) -> None:
     """Write `text` beside `path` and rename it into place."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    partial.write_text(text, encoding="utf-8", newline="\n")  # the same bytes on Windows
-    os.replace(partial, path)
+    with written_whole(path) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")  # the same bytes on Windows
 
 
 def work_folder(path: Path) -> Path:
@@ -131,10 +142,10 @@ def file_sha256(path: Path) -> str:
 
 def stamp_of(path: Path) -> list[int] | None:
     """Size, times and inode, by which a file's content is known again; None if just changed."""
-    found = path.stat()
-    if time.time_ns() - max(found.st_mtime_ns, found.st_ctime_ns) < _SETTLED_NS:
+    status = path.stat()
+    if time.time_ns() - max(status.st_mtime_ns, status.st_ctime_ns) < _SETTLED_NS:
         return None
-    return [found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino]
+    return [status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
 
 
 def sha256_of(path: Path) -> str:
@@ -169,7 +180,7 @@ def mark_written(mark: Path, digest: str) -> None:
 
 
 def is_written(mark: Path, digest: Callable[[], str]) -> bool:
-    """Whether `mark` was left for what is there now, whose digest is asked for only then."""
+    """Whether `mark` was left for what is there now, whose digest is computed only then."""
     return mark.is_file() and mark.read_bytes() == digest().encode()
 
 
@@ -191,20 +202,20 @@ class ArrayFile:
     def at(cls, path: Path, shape: tuple[int, ...], dtype: DTypeLike) -> ArrayFile:
         """The array that is there if it is such a one, or a new one of zeros.
 
-        Room for all of a new one is taken at once, so that a full disk is told before the work.
+        Room for all of a new one is taken at once, so that a full disk is an error before the work.
         """
         path, wanted = path.resolve(), np.dtype(dtype)
         try:
-            found = map_npy(path)
-            if (found.shape, found.dtype) != (shape, wanted):
+            array = map_npy(path)
+            if (array.shape, array.dtype) != (shape, wanted):
                 raise ValueError("another array")
         except (OSError, ValueError) as error:  # or none, or a damaged one
             if is_of_the_machine(error):
                 raise
             _begin_array(path, shape, wanted)
-            found = map_npy(path)
+            array = map_npy(path)
         # Without an element there is no map, and nothing will be written.
-        return cls(path, shape, wanted.str, getattr(found, "offset", 0))
+        return cls(path, shape, wanted.str, getattr(array, "offset", 0))
 
     def read(self, rows: slice) -> NDArray[Any]:
         return np.array(map_npy(self.path)[rows])

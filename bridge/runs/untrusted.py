@@ -1,4 +1,4 @@
-"""Files that come from strangers: opened without waiting, read within bounds, nothing executed.
+"""Files from unknown sources: opened without waiting, read within bounds, nothing executed.
 
 Whatever a file declares (the size of a directory, an array's shape, a type) is compared with what
 it may be before anything is allocated for it. Readers turn the errors here into their own.
@@ -63,8 +63,8 @@ def damage_refused(
 ) -> Iterator[None]:
     """Turn what a damaged file can cause into a refusal of it; let all else pass.
 
-    `libraries` are what the file's reader raises of its own; `RecursionError` where it follows what
-    the file nests.
+    `libraries` are exceptions that the file's reader defines; `RecursionError` where it follows
+    what the file nests.
     """
     try:
         yield
@@ -100,7 +100,7 @@ def is_of_the_machine(error: Exception) -> bool:
 
 
 class UntrustedFile(io.BufferedReader):
-    """A file that is never asked for more bytes at once than it may have of its own account."""
+    """A file of which no read asks for more bytes than it holds."""
 
     largest_read: float = math.inf
 
@@ -114,11 +114,11 @@ def open_regular(path: Path | str, most_bytes: float = math.inf) -> UntrustedFil
     """Open a regular file of at most so many bytes; pipes, sockets and devices are refused."""
     # Nobody writes into a pipe for us to wait for.
     file = io.FileIO(path, opener=lambda p, flags: os.open(p, flags | _WITHOUT_WAIT))
-    stream, found = UntrustedFile(file), os.fstat(file.fileno())
-    if not stat.S_ISREG(found.st_mode):
+    stream, status = UntrustedFile(file), os.fstat(file.fileno())
+    if not stat.S_ISREG(status.st_mode):
         stream.close()
         raise OSError(f"{path} is a pipe, a socket or a device")
-    stream.largest_read = found.st_size
+    stream.largest_read = status.st_size
     if stream.largest_read > most_bytes:
         stream.close()
         raise ValueError(f"a file of {stream.largest_read} bytes, not at most {most_bytes:.0f}")
@@ -188,16 +188,16 @@ class NpyHeader:
         width = _WIDTHS.get(stream.read(8), 0)
         length = int.from_bytes(stream.read(width), "little")
         text = stream.read(length) if length <= _LONGEST_HEADER else b""
-        found = _HEADER.fullmatch(text)
+        match = _HEADER.fullmatch(text)
         flaw = ValueError(f"a header that is none of a .npy ({text[:80]!r})")
-        if found is None or None in (found["descr"], found["fortran"], found["shape"]):
+        if match is None or None in (match["descr"], match["fortran"], match["shape"]):
             raise flaw
-        sizes = (size.strip(b" L") for size in found["shape"].split(b","))
+        sizes = (size.strip(b" L") for size in match["shape"].split(b","))
         try:
-            dtype = np.dtype(found["descr"].decode())
+            dtype = np.dtype(match["descr"].decode())
         except (TypeError, OverflowError) as error:
             raise flaw from error
-        order = "F" if found["fortran"] == b"True" else "C"
+        order = "F" if match["fortran"] == b"True" else "C"
         return cls(tuple(int(size) for size in sizes if size), dtype, order)
 
     @property
@@ -233,7 +233,7 @@ def map_npy(path: Path) -> NDArray[Any]:
 
 
 class UntrustedNpz:
-    """An `.npz` whose members are known by their headers until they are asked for."""
+    """An `.npz` of whose members only the headers are read until `array` is called."""
 
     def __init__(self, archive: zipfile.ZipFile) -> None:
         self._archive = archive

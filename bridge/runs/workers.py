@@ -81,7 +81,7 @@ class WorkerPool(Generic[Tools]):
 
 
 def use_workers(count: int) -> None:
-    """From now on pools of this process have so many workers unless told otherwise."""
+    """From now on pools of this process have so many workers unless `n_workers` is passed."""
     global _workers_by_default
     _workers_by_default = count
 
@@ -223,7 +223,7 @@ def _connected(address: str | None) -> ModuleType:
     import ray
 
     # What workers make lies in files, so Ray's store of objects holds little.
-    own = {} if address else {"include_dashboard": False, "object_store_memory": 256 << 20}
+    local = {} if address else {"include_dashboard": False, "object_store_memory": 256 << 20}
     variables = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
     at_end = signal.getsignal(signal.SIGTERM)
     try:
@@ -235,7 +235,7 @@ def _connected(address: str | None) -> ModuleType:
             runtime_env={"env_vars": variables},
             log_to_driver=False,
             logging_level=logging.CRITICAL,
-            **own,
+            **local,
         )
     except (OSError, ValueError) as error:
         if address is None:
@@ -245,7 +245,7 @@ def _connected(address: str | None) -> ModuleType:
             "HOST:PORT of its head node, or auto on one of its nodes",
             "Start one with `ray start --head`.",
         ) from error
-    signal.signal(signal.SIGTERM, at_end)  # Ray's own exits with another status
+    signal.signal(signal.SIGTERM, at_end)  # that of Ray exits with another status
     return ray
 
 
@@ -300,7 +300,7 @@ def progress(
 ) -> tqdm[Item]:
     """A bar on stderr, where that is a terminal: done of all, rate and time left.
 
-    It counts items as they are taken, or what its `update` is told of; `total` is how many there
+    It counts items as they are taken, or what is passed to its `update`; `total` is how many there
     will be where `items` have no length.
     """
     return tqdm(items, desc=what, unit=unit, total=total, disable=None)

@@ -68,9 +68,9 @@ class ArtifactWriter:
         self._files: set[str] = set()
         self._extra: dict[str, Any] = {}
         self._measured: dict[str, Any] = {}
-        mark, said = work / "fingerprint", fingerprint.encode()
+        mark, expected = work / "fingerprint", fingerprint.encode()
         whole = mark.is_file() and self._made.is_dir()
-        if not (said and whole and mark.read_bytes() == said):
+        if not (expected and whole and mark.read_bytes() == expected):
             mark.unlink(missing_ok=True)  # first: half of what is removed is no checkpoint
             self.discard()
             self._made.mkdir(parents=True)
@@ -113,7 +113,7 @@ class ArtifactWriter:
     def record(self, **extra: Any) -> None:
         """Add JSON values (a sequence index, results) to the manifest's top level."""
         if clash := WRITERS_KEYS.keys() & extra.keys():
-            raise ValueError(f"manifest keys {sorted(clash)} are the writer's own")
+            raise ValueError(f"manifest keys {sorted(clash)} are the writer's")
         self._extra.update(extra)
 
     def record_measured(self, **values: Any) -> None:
@@ -227,7 +227,7 @@ def write_artifact(
 
 def provenance(wall_time_s: float) -> dict[str, Any]:
     """When, where, by which command and with which versions something was made."""
-    versions = {name: found for name in _RECORDED_PACKAGES if (found := version_of(name))}
+    versions = {name: version for name in _RECORDED_PACKAGES if (version := version_of(name))}
     largest = 0
     if resource:  # of this process, or of one that it has started
         whose = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)

@@ -60,7 +60,7 @@ class NodeStatic:
 
     @property
     def kind(self) -> str:
-        """What was found: `none`, a `constant` of each person, or of the `pose` besides."""
+        """What the fit chose: `none`, a `constant` of each person, or of the `pose` besides."""
         if self.by_pose_m.any():
             return "pose"
         return "constant" if self.constant_m.any() else "none"
@@ -105,7 +105,7 @@ def _left_out(folds: dict[int, _Sums], total: _Sums, ridge: float | None, people
     """Sum of squares left of every fold by what the others say."""
     if ridge is None:
         return total.energy
-    return sum(own.error(_solve(total.plus(own, -1), ridge, people)) for own in folds.values())
+    return sum(fold.error(_solve(total.plus(fold, -1), ridge, people)) for fold in folds.values())
 
 
 def _solve(sums: _Sums, ridge: float | None, people: int) -> NDArray[np.floating]:

@@ -45,6 +45,7 @@ _AXES: dict[str, tuple[int | str, ...]] = {
     "constant_m": ("C", "CV", 3),
     "by_pose_m": ("F", "FK", 3),
     "look_ahead": (1,),
+    "steps": (1,),
 }
 _ELSEWHERE: dict[str, tuple[int | str, ...]] = {
     "elsewhere/to_betas": ("S", N_BETAS),
@@ -135,24 +136,22 @@ class TrainedPlus:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> TrainedPlus:
         """The inverse of `arrays`."""
-        steps = arrays["steps"].ravel().tolist() if "steps" in arrays else [1]
-        if steps != [STEPS]:
-            received = f"a {NAME} that was trained with {steps} steps a frame"
-            raise DsnetError(received, f"{STEPS} steps", "Train it again: dsnet train.")
         _check_arrays(arrays)
+        if (steps := int(arrays["steps"][0])) != STEPS:
+            raise _refused(f"{steps} steps a frame", f"{STEPS} steps")
         base = {name: arrays[f"log_{name}"] for name in NODE_FIELDS}
         weights = Weights(base, **{name: arrays[name] for name in _LEARNED})
         static = StaticPart(arrays["constant_m"], arrays["by_pose_m"])
         nodes = TissueNodes.from_arrays(arrays)
-        ahead, told = int(arrays["look_ahead"][0]), None
+        ahead, elsewhere = int(arrays["look_ahead"][0]), None
         if "elsewhere/shift" in arrays:
             names = Elsewhere.__dataclass_fields__
-            told = Elsewhere(**{name: arrays[f"elsewhere/{name}"] for name in names})
-        return cls(nodes, weights, static, arrays["people_betas"], ahead, told)
+            elsewhere = Elsewhere(**{name: arrays[f"elsewhere/{name}"] for name in names})
+        return cls(nodes, weights, static, arrays["people_betas"], ahead, elsewhere)
 
     def arrays(self) -> dict[str, NDArray]:
         """Everything by name, for a safetensors file."""
-        told = self.elsewhere
+        elsewhere = {} if self.elsewhere is None else vars(self.elsewhere)
         return {
             **self.nodes.arrays(),
             **{f"log_{name}": array for name, array in self.weights.base.items()},
@@ -161,7 +160,7 @@ class TrainedPlus:
             "people_betas": self.people_betas,
             "look_ahead": np.array([self.look_ahead], np.int32),
             "steps": np.array([STEPS], np.int32),
-            **({} if told is None else {f"elsewhere/{n}": a for n, a in vars(told).items()}),
+            **{f"elsewhere/{name}": array for name, array in elsewhere.items()},
         }
 
     def static_m(
@@ -173,15 +172,15 @@ class TrainedPlus:
         static = self.static
         if not static:
             return None
-        found = np.zeros((len(theta), len(self.nodes.owners), 3), np.float32)
+        static_m = np.zeros((len(theta), len(self.nodes.owners), 3), np.float32)
         if static.constant_m.any():
-            found += np.tensordot(known_person(betas, self.people_betas), static.constant_m, 1)
+            static_m += np.tensordot(known_person(betas, self.people_betas), static.constant_m, 1)
         if static.by_pose_m.any():
             # Other bodies have hands of more joints, which theta has not.
             features = static_features(body, theta)[:, : len(static.by_pose_m)]
             at_nodes = np.tensordot(features, static.by_pose_m, 1)
-            found += self.nodes.spread(at_nodes)
-        return found if found.any() else None
+            static_m += self.nodes.spread(at_nodes)
+        return static_m if static_m.any() else None
 
 
 def static_features(body: BodyModelData, theta: NDArray) -> NDArray[np.floating]:
@@ -219,15 +218,15 @@ def _kernel(first: NDArray, second: NDArray) -> NDArray[np.floating]:
 def _check_arrays(arrays: Mapping[str, NDArray]) -> None:
     """Refuse arrays that are missing, do not fit one another or point outside."""
     sizes: dict[str, int] = {}
-    told = _ELSEWHERE if "elsewhere/shift" in arrays else {}
-    for name, axes in (_AXES | told).items():
+    elsewhere = _ELSEWHERE if "elsewhere/shift" in arrays else {}
+    for name, axes in (_AXES | elsewhere).items():
         if name not in arrays:
             raise _refused(f"no {name!r}", "all of its arrays")
-        found = arrays[name].shape
-        named = zip(axes, found, strict=False)
-        shape = tuple(n if isinstance(n, int) else sizes.setdefault(n, size) for n, size in named)
-        if len(found) != len(axes) or found != shape or not np.isfinite(arrays[name]).all():
-            raise _refused(f"{name!r} of shape {found}", f"finite numbers of shape {shape}")
+        shape = arrays[name].shape
+        named = zip(axes, shape, strict=False)
+        fits = tuple(n if isinstance(n, int) else sizes.setdefault(n, size) for n, size in named)
+        if len(shape) != len(axes) or shape != fits or not np.isfinite(arrays[name]).all():
+            raise _refused(f"{name!r} of shape {shape}", f"finite numbers of shape {fits}")
     bounds = {f"nodes/{name}": sizes["K"] for name in ("owners", "edges")}
     bounds |= {"nodes/vertices": sizes["V"], "look_ahead": _MOST_FRAMES_AHEAD}
     for name, most in bounds.items():

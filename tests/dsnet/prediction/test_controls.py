@@ -198,7 +198,7 @@ REFUSED = [
     ("--gain -1", "0 to 20"),
     ("--gain nan", "0 to 20"),
     ("--part-gain nose=2", "each of head, chest"),
-    ("--part-gain belly=2 belly=3", "said before"),
+    ("--part-gain belly=2 belly=3", "given before"),
     ("--part-gain belly", "a number, 0 to 20"),
     ("--part-gain belly=nan", "a number, 0 to 20"),
     ("--part-gain belly=1e6", "a number, 0 to 20"),

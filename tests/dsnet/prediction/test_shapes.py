@@ -91,7 +91,7 @@ def test_what_the_betas_cannot_give_says_what_they_can():
     [
         (["huge"], "tall, short, heavy"),
         (["size=3"], "each of height, weight, chest, waist, hips"),
-        (["height=180", "height=170"], "said before"),
+        (["height=180", "height=170"], "given before"),
         (["height=x"], "a number, more than 0 and less than 1000.*in cm"),
         (["height="], "a number, more than 0 and less than 1000.*in cm"),
         (["height=nan"], "a number, more than 0 and less than 1000.*in cm"),
