@@ -19,7 +19,7 @@ from benchmarks.claims.__main__ import PAGE, counted, page
 from benchmarks.claims.claims import claims
 from benchmarks.claims.results import KNOWN, NEW, NEW_UNSEEN, UNSEEN, Results
 from bridge.runs import Run
-from dsnet.report.pages import of_mesh, plus_minus, smpl_of
+from dsnet.report.pages import mesh_score, plus_minus, smpl_name
 from tools.speed_page import speed_page
 
 ROOT = Path(__file__).parents[1]
@@ -134,11 +134,11 @@ def _left(
 ) -> tuple[tuple[float, float], str]:
     """SMPL's mean error in mm and that of the best of a pipeline's predictors, and its R²."""
     least, best = min(
-        (of_mesh(results, cell, name, "mean_mm"), name)
+        (mesh_score(results, cell, name, "mean_mm"), name)
         for name in results["pipelines"][pipeline]["predictors"]
     )
-    smpl = results["cells"][cell][smpl_of(results, pipeline)]["mesh"]["mean_mm"]
-    return (smpl, least[0]), plus_minus(of_mesh(results, cell, best, "r2"))
+    smpl = results["cells"][cell][smpl_name(results, pipeline)]["mesh"]["mean_mm"]
+    return (smpl, least[0]), plus_minus(mesh_score(results, cell, best, "r2"))
 
 
 def _size(folder: Path) -> int:

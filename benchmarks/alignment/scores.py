@@ -16,7 +16,7 @@ from bridge.body import BodyModelData, load_body_model, pose_vertices
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.motion import unpack_theta
 from bridge.paper import N_JOINTS
-from dsnet.evaluation.alignment import Absorption, AlignmentErrors, spread
+from dsnet.evaluation.alignment import Absorption, AlignmentErrors, mean_and_p95
 from torch_align_ae.body import SMPL, rest_pose_offsets
 
 _TOES = [SMPL_JOINT_NAMES.index(name) for name in ("left_foot", "right_foot")]
@@ -61,7 +61,7 @@ class Scores:
             "r2_worst": self.r2_of_sequence[worst],
             "worst_sequence": worst,
             "r2_without_toes": self.errors.absorption.of(~moved_by_toes())["r2"],
-            "residual_mm": spread(1e3 * np.concatenate(self._residuals_m)),
+            "residual_mm": mean_and_p95(1e3 * np.concatenate(self._residuals_m)),
             "betas_rms": float(np.sqrt(np.mean(self._betas_squared))),
             **self.errors.summary(),
             "joints": joints,

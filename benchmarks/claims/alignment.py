@@ -24,7 +24,7 @@ from bridge.motion.splits import CELLS
 from bridge.paper import ABSORBING_JOINT, ABSORBING_SEQUENCE
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
-from dsnet.evaluation.evaluation import MESH_ERROR, frames_m
+from dsnet.evaluation.evaluation import MESH_ERROR, per_frame_m
 from dsnet.evaluation.pipelines import SMPL, MotionArrays, Pipeline, pipelines_of
 
 GAINS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)
@@ -79,7 +79,7 @@ def _gains_of_all(
     }
     found: dict[str, dict[str, Any]] = {}
     for pipeline in pipelines:
-        aligned = [one.name for one in pipeline.align.places.values() if one.split == "train"]
+        aligned = [one.name for one in pipeline.align.sequences.values() if one.split == "train"]
         found[pipeline.alignment] = {
             "train": _gains(pipeline.align, "offsets", aligned, truth),
             "validation": _gains(pipeline.align, "offsets", shown["validation"], truth),
@@ -98,7 +98,7 @@ def _gains(
 ) -> dict[str, Any]:
     own = mixed = true = 0.0
     for name in names:
-        length = given.places[name].length
+        length = given.sequences[name].length
         for start in range(0, length, _CHUNK):
             part = slice(start, min(start + _CHUNK, length))
             predicted = np.float64(given.frames(array, name, part))
@@ -124,7 +124,7 @@ def _turning(pipelines: Iterable[Pipeline], truth: MotionArrays) -> dict[str, An
     motion = ABSORBING_SEQUENCE.partition("_")[2]
     found: dict[str, list[NDArray]] = {}
     for pipeline in pipelines:
-        names = [n for n, one in pipeline.align.places.items() if one.motion == motion]
+        names = [n for n, one in pipeline.align.sequences.items() if one.motion == motion]
         arrays: Mapping[str, MotionArrays] = {"truth": truth, pipeline.alignment: pipeline.align}
         for label, poses in arrays.items():
             found[label] = [_turn_deg(poses, name) for name in names]
@@ -147,10 +147,10 @@ def _turn_deg(poses: MotionArrays, name: str) -> NDArray[np.float64]:
 def _along_the_clip(evaluate: Artifact) -> dict[str, Any]:
     """Of the held-out clip's mean error in each frame, millimetres."""
     clip = next(s for s in evaluate.manifest["per_sequence"] if s["split"] == "validation")
-    smpl_m = frames_m(evaluate, MESH_ERROR, SMPL, clip["name"])
+    smpl_m = per_frame_m(evaluate, MESH_ERROR, SMPL, clip["name"])
     found: dict[str, Any] = {}
     for name in evaluate.manifest["predictors"]:
-        error_m = frames_m(evaluate, MESH_ERROR, name, clip["name"])
+        error_m = per_frame_m(evaluate, MESH_ERROR, name, clip["name"])
         if error_m is not None and smpl_m is not None:
             error_mm = 1e3 * error_m.astype(np.float64)
             found[name] = {

@@ -64,9 +64,9 @@ class StudyData:
         self._cells: Mapping[str, str] = {
             one["name"]: one["cell"] for one in stages["evaluate"].manifest["per_sequence"]
         }
-        places = self._aligned.places.values()
-        self._train = [one.name for one in places if one.split == "train"]
-        self._held_out = [one.name for one in places if one.split == VALIDATION]
+        sequences = self._aligned.sequences.values()
+        self._train = [one.name for one in sequences if one.split == "train"]
+        self._held_out = [one.name for one in sequences if one.split == VALIDATION]
 
     @cached_property
     def components(self) -> tuple[NDArray, NDArray]:

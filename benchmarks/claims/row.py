@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from dsnet.report.pages import of_mesh, plus_minus, smpl_of
+from dsnet.report.pages import mesh_score, plus_minus, smpl_name
 
 Verdict = Literal["holds", "in part", "does not hold here", "needs the licensed data"]
 HOLDS: Verdict = "holds"
@@ -64,13 +64,13 @@ def default_of(run: dict[str, Any]) -> str:
 
 
 def smpl_mm(run: dict[str, Any], cell: str) -> float:
-    return run["cells"][cell][smpl_of(run, "paper")]["mesh"]["mean_mm"]
+    return run["cells"][cell][smpl_name(run, "paper")]["mesh"]["mean_mm"]
 
 
 def best_r2(run: dict[str, Any], cell: str) -> float:
     """The better of the paper pipeline's networks, in the mean of its seeds."""
     names = run["pipelines"]["paper"]["predictors"]
-    return max(of_mesh(run, cell, name, "r2")[0] for name in names)
+    return max(mesh_score(run, cell, name, "r2")[0] for name in names)
 
 
 def left_of(run: dict[str, Any], cell: str) -> str:
@@ -78,6 +78,6 @@ def left_of(run: dict[str, Any], cell: str) -> str:
     found = []
     for name in run["pipelines"]["paper"]["predictors"]:
         label = run["predictors"][name]
-        mm, r2 = (plus_minus(of_mesh(run, cell, name, number)) for number in ("mean_mm", "r2"))
+        mm, r2 = (plus_minus(mesh_score(run, cell, name, number)) for number in ("mean_mm", "r2"))
         found.append(f"{label.partition(', ')[2] or label} {mm} mm (R² {r2})")
     return f"{', '.join(found)}, SMPL alone {smpl_mm(run, cell):.2f}"

@@ -15,7 +15,7 @@ from bridge.motion.sequences import is_real_motion
 from bridge.motion.splits import CELLS
 from bridge.runs import Artifact, Run
 from dsnet.evaluation.comparison import TRUE
-from dsnet.evaluation.evaluation import OFFSET_SIZE, frames_m
+from dsnet.evaluation.evaluation import OFFSET_SIZE, per_frame_m
 
 _SAME = ("profile", "epochs", "test_bed", "sequences")
 """What scores of one corpus have in common."""
@@ -87,7 +87,7 @@ def sizes_over_time(evaluated: Artifact) -> dict[str, Any]:
         return {}
     shown = next((s for s in unseen if is_real_motion(s["name"])), unseen[0])["name"]
     sizes = {
-        name: frames_m(evaluated, OFFSET_SIZE, name, shown)
+        name: per_frame_m(evaluated, OFFSET_SIZE, name, shown)
         for name in (TRUE, *evaluated.manifest["predictors"])
     }
     in_mm = {n: np.round(1e3 * s, 3).tolist() for n, s in sizes.items() if s is not None}

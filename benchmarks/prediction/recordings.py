@@ -32,7 +32,7 @@ from bridge.motion.smoothing import SmoothHz
 from bridge.paper import FPS
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
-from dsnet.evaluation.metrics import STEP_HZ, ErrorSums, Offsets, SpectrumSums
+from dsnet.evaluation.metrics import BIN_HZ, ErrorSums, Offsets, SpectrumSums
 from dsnet.prediction.load_model import load_model
 from dsnet.prediction.models import predict_whole
 from dsnet.synthetic.subjects import SUBJECTS, UNSEEN
@@ -194,7 +194,7 @@ def _clips_of(run: str, folder: Path, name: str) -> list[dict[str, Any]]:
             settled = slice(round(_SETTLED_S * FPS), None)
             velocity = ErrorSums.of(np.diff(found_m, axis=0), np.diff(true_m, axis=0))
             energy = SpectrumSums.of(Offsets(found_m, FPS), Offsets(true_m, FPS)).energy
-            slow = energy[:, : round(_SLOW_HZ / STEP_HZ)].sum(axis=1)
+            slow = energy[:, : round(_SLOW_HZ / BIN_HZ)].sum(axis=1)
             found.append(
                 {
                     "motion": name,

@@ -1,1 +1,1 @@
-"""Errors of predictions by test group."""
+"""Evaluation: errors of predictions by test group."""

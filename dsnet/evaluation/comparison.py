@@ -1,19 +1,19 @@
-"""What every predictor's errors on one sequence are: a row of the table that evaluation makes.
+"""Errors of all predictors on one sequence, of posed meshes and of offsets in the rest pose.
 
-*Posed meshes* are what a user sees, and a user of licensed files can measure them too. With beta'
-and theta' as its pipeline was given them, a prediction is the mesh M(beta', theta') + offset; "SMPL
-alone", whose R2 is 0, is M(beta', theta'), another mesh in each pipeline. It is held against
+*Posed meshes* can be measured with licensed files too. With the beta' and theta' of its pipeline, a
+prediction is the mesh M(beta', theta') + offset; "SMPL alone", whose R2 is 0, is M(beta', theta'),
+and differs between pipelines. The reference is
 
-- the registered mesh S_t, for sequences that were aligned: M(beta', theta') + aligned offset is
-  S_t exactly (Eq. 5), so that the distance of the offsets, carried by skinning, is that of meshes;
-- the true mesh M(beta, theta) + true offset, for synthetic sequences that were not. Where beta' was
-  fitted it is not the true beta, and the offsets of the two differ by that in the rest pose.
+- the registered mesh S_t for aligned sequences: M(beta', theta') + aligned offset is S_t exactly
+  (Eq. 5), so the distance between skinned offsets is the distance between meshes;
+- the true mesh M(beta, theta) + true offset for other synthetic sequences. A fitted beta' differs
+  from the true beta, which adds to the error of the mesh.
 
-*Offsets in the rest pose* are held against the simulation's for synthetic data, so that what
-alignment put into pose and shape counts as lost; of licensed files only the aligned offsets are
-known, each pipeline's own. Where a truth has a `static` misfit beside the moving tissue, the two
-are judged together and apart, and movement is judged on what moves. Of a predictor that tells no
-static part, all is taken to move.
+*Offsets in the rest pose* are compared with the simulation's for synthetic data, so dynamics that
+alignment put into pose and shape count as errors. For licensed files the reference is the aligned
+offsets of the same pipeline. Where a truth has a `static` misfit beside the moving tissue, total,
+static and moving part are compared, and velocities are those of the moving part. A predictor that
+does not separate a static part is taken to predict the moving part only.
 """
 
 from __future__ import annotations
@@ -47,27 +47,24 @@ from dsnet.evaluation.pipelines import (
 )
 
 TRUE = "true"
-"""In place of a predictor's name: the true offsets."""
+"""Key of the true offsets, among names of predictors."""
 _VERTICES_AT_ONCE = 512
 
 
 @dataclass
 class SequenceErrors:
-    """One sequence; by name of candidate what could be compared."""
+    """Errors on one sequence, by the name of the candidate."""
 
     sequence: MotionSequence
     errors: dict[str, Errors] = field(default_factory=dict)
     mesh_error_m: dict[str, NDArray[np.float32]] = field(default_factory=dict)
     """(T,) error of the posed mesh in each frame, mean over its vertices."""
     offset_size_m: dict[str, NDArray[np.float32]] = field(default_factory=dict)
-    """(T,) mean length of the moving offsets in each frame; of what moves, and of `TRUE`."""
+    """(T,) mean length of the moving offsets in each frame, also of `TRUE`."""
 
 
 class Evaluation:
-    """All comparisons of one run; the truth is None for licensed data.
-
-    Sequences are independent of one another.
-    """
+    """Compares all candidates of one run, by sequence; the truth is None for licensed data."""
 
     def __init__(
         self, pipelines: Sequence[Pipeline], truth: MotionArrays | None, body: BodyModelData
@@ -75,97 +72,104 @@ class Evaluation:
         self._pipelines, self._truth, self._body = pipelines, truth, body
         self._smpl = Smpl(body, dtype=np.float64)
         self.candidates = candidates(pipelines)
-        trained = [s for pipeline in pipelines for s in pipeline.align.places.values()]
-        self._people, self._kinds = trained_people_and_kinds(trained)
+        aligned = [s for pipeline in pipelines for s in pipeline.align.sequences.values()]
+        self._subjects, self._motions = trained_people_and_kinds(aligned)
 
     def sequences(self) -> list[MotionSequence]:
-        """Every sequence that some pipeline predicted, the first one's in their order first."""
-        found: dict[str, MotionSequence] = {}
+        """Every sequence that a pipeline predicted, in the order of the first pipeline."""
+        predicted: dict[str, MotionSequence] = {}
         for pipeline in self._pipelines:
-            for name, place in pipeline.offsets.places.items():
-                found.setdefault(name, place)
-        return list(found.values())
+            for name, sequence in pipeline.offsets.sequences.items():
+                predicted.setdefault(name, sequence)
+        return list(predicted.values())
 
-    def knows(self, sequence: MotionSequence) -> bool:
-        return sequence.subject in self._people
+    def is_training_subject(self, sequence: MotionSequence) -> bool:
+        return sequence.subject in self._subjects
 
     def groups(self, sequence: MotionSequence) -> list[str]:
-        """Groups of sequences that it belongs to: those of a test have a second one."""
+        """The split of a sequence; for a test sequence also its test group."""
         if sequence.split != "test":
             return [sequence.split]
-        return ["test", cell_of(sequence, self._people, self._kinds)]
+        return ["test", cell_of(sequence, self._subjects, self._motions)]
 
     def compare(self, sequence: MotionSequence) -> SequenceErrors:
-        found = SequenceErrors(sequence)
+        """Errors of every candidate that has offsets of the sequence."""
+        result = SequenceErrors(sequence)
         chosen = [one for one in self.candidates.values() if one.predicts(sequence.name)]
-        found.errors = {one.name: {} for one in chosen}
-        self._compare_meshes(found, [one for one in chosen if one.kind != SEQUENCE_MEAN])
-        # No offset is the same in every pipeline, while SMPL's mesh is not.
-        self._compare_offsets(found, [o for o in chosen if o.kind != SMPL or o.name == SMPL])
-        found.errors = {name: errors for name, errors in found.errors.items() if errors}
-        return found
+        result.errors = {one.name: {} for one in chosen}
+        self._compare_meshes(result, [one for one in chosen if one.kind != SEQUENCE_MEAN])
+        # SMPL alone has a mesh for each pipeline, but its offsets are zero in all of them.
+        self._compare_offsets(result, [o for o in chosen if o.kind != SMPL or o.name == SMPL])
+        result.errors = {name: errors for name, errors in result.errors.items() if errors}
+        return result
 
-    def _compare_meshes(self, found: SequenceErrors, chosen: Sequence[Candidate]) -> None:
-        """With what SMPL alone lacks of the registered mesh, of the true one without alignment."""
-        name, truth = found.sequence.name, self._truth
-        registered = all(name in pipeline.align.places for pipeline in self._pipelines)
+    def _compare_meshes(self, result: SequenceErrors, chosen: Sequence[Candidate]) -> None:
+        """Compare posed meshes with the registered mesh, or if it was not aligned the true one.
+
+        Both sides are taken relative to SMPL alone, so that R2 is 0 for SMPL alone.
+        """
+        name, truth = result.sequence.name, self._truth
+        registered = all(name in pipeline.align.sequences for pipeline in self._pipelines)
         if registered:
             truth = None
-        elif truth is None or name not in truth.places:
+        elif truth is None or name not in truth.sequences:
             return
         pipelines = {one.pipeline.name: one.pipeline for one in chosen}.values()
         reference = [one.align for one in pipelines] if truth is None else [truth]
         compared = [*(one.motions for one in pipelines), *reference]
         means_m: dict[str, list[NDArray[np.float64]]] = {one.name: [] for one in chosen}
         sums = {one.name: ErrorSums() for one in chosen}
-        for frames in frame_blocks(slice(0, min(one.places[name].length for one in compared))):
-            # A new person is the same everywhere, and posing is what costs most.
-            posed: Posed = {}
-            real_m = None
+        for frames in frame_blocks(slice(0, min(one.sequences[name].length for one in compared))):
+            # Pipelines often share betas and theta, and posing costs most: pose them once.
+            cache: PosedCache = {}
+            true_mesh_m = None
             if truth is not None:
-                real = self._posed(truth, name, frames, posed)
-                real_m = real.vertices_m + real.carried(truth.offsets_m(name, frames))
+                true = self._posed(truth, name, frames, cache)
+                true_mesh_m = true.vertices_m + true.skinned(truth.offsets_m(name, frames))
             for pipeline in pipelines:
-                alone = self._posed(pipeline.motions, name, frames, posed)
-                if real_m is None:
-                    lacking_m = alone.carried(pipeline.align.frames("offsets", name, frames))
+                smpl = self._posed(pipeline.motions, name, frames, cache)
+                if true_mesh_m is None:
+                    reference_m = smpl.skinned(pipeline.align.frames("offsets", name, frames))
                 else:
-                    lacking_m = real_m - alone.vertices_m
+                    reference_m = true_mesh_m - smpl.vertices_m
                 for one in (one for one in chosen if one.pipeline is pipeline):
-                    still = one.kind == SMPL
-                    added_m = 0.0 if still else alone.carried(one.offsets_m(name, frames))
-                    distance_m = sums[one.name].add(added_m, lacking_m)
+                    is_smpl = one.kind == SMPL
+                    predicted_m = 0.0 if is_smpl else smpl.skinned(one.offsets_m(name, frames))
+                    distance_m = sums[one.name].add(predicted_m, reference_m)
                     means_m[one.name].append(distance_m.mean(axis=1))
         for candidate, parts_m in means_m.items():
             if parts_m:
-                found.errors[candidate]["mesh"] = sums[candidate]
-                found.mesh_error_m[candidate] = np.concatenate(parts_m).astype(np.float32)
+                result.errors[candidate]["mesh"] = sums[candidate]
+                result.mesh_error_m[candidate] = np.concatenate(parts_m).astype(np.float32)
 
-    def _posed(self, arrays: MotionArrays, name: str, frames: slice, known: Posed) -> PosedFrames:
+    def _posed(
+        self, arrays: MotionArrays, name: str, frames: slice, cache: PosedCache
+    ) -> PosedFrames:
         betas, theta = arrays.betas(name), arrays.frames("theta", name, frames)
         key = betas.tobytes(), theta.tobytes()
-        if key not in known:
+        if key not in cache:
             motion = unpack_theta(np.asarray(theta, dtype=np.float64))
-            known[key] = PosedFrames(*self._smpl.person(betas).skin(*motion))
-        return known[key]
+            cache[key] = PosedFrames(*self._smpl.person(betas).skin(*motion))
+        return cache[key]
 
-    def _compare_offsets(self, found: SequenceErrors, chosen: Sequence[Candidate]) -> None:
-        name, truth = found.sequence.name, self._truth
-        if truth is not None and name in truth.places:
-            self._compare_with(found, truth, chosen)
+    def _compare_offsets(self, result: SequenceErrors, chosen: Sequence[Candidate]) -> None:
+        """Compare offsets with the true ones; without a truth, with the aligned ones."""
+        name, truth = result.sequence.name, self._truth
+        if truth is not None and name in truth.sequences:
+            self._compare_with(result, truth, chosen)
             return
         for pipeline in {one.pipeline.name: one.pipeline for one in chosen}.values():
-            if name in pipeline.align.places:
-                own = [one for one in chosen if one.pipeline is pipeline]
-                self._compare_with(found, pipeline.align, own)
+            if name in pipeline.align.sequences:
+                of_pipeline = [one for one in chosen if one.pipeline is pipeline]
+                self._compare_with(result, pipeline.align, of_pipeline)
 
     def _compare_with(
-        self, found: SequenceErrors, reference: MotionArrays, chosen: Sequence[Candidate]
+        self, result: SequenceErrors, reference: MotionArrays, chosen: Sequence[Candidate]
     ) -> None:
-        name = found.sequence.name
-        lengths = (one.pipeline.offsets.places[name].length for one in chosen)
-        frames = slice(0, min(reference.places[name].length, *lengths))
-        fps, vertices = reference.places[name].fps, self._body.vertex_count
+        name = result.sequence.name
+        lengths = (one.pipeline.offsets.sequences[name].length for one in chosen)
+        frames = slice(0, min(reference.sequences[name].length, *lengths))
+        fps, vertices = reference.sequences[name].fps, self._body.vertex_count
         sizes_m = {one.name: np.zeros(frames.stop) for one in chosen if one.moves}
         sizes_m[TRUE] = np.zeros(frames.stop)
         for piece in frame_blocks(slice(0, vertices), _VERTICES_AT_ONCE):
@@ -177,26 +181,26 @@ class Evaluation:
             for one in chosen:
                 predicted = _predicted(one, name, frames, piece, true)
                 errors = rest_pose_errors(predicted, true, moves=one.moves)
-                add_errors(found.errors[one.name], errors)
+                add_errors(result.errors[one.name], errors)
                 if one.moves:
                     sizes_m[one.name] += _sizes_m(predicted)
-        if TRUE in found.offset_size_m:  # of several alignments the first stands for the truth
+        if TRUE in result.offset_size_m:  # with several alignments, keep the first one's offsets
             del sizes_m[TRUE]
         means_m = {key: size_m / vertices for key, size_m in sizes_m.items()}
-        found.offset_size_m |= {key: mean_m.astype(np.float32) for key, mean_m in means_m.items()}
+        result.offset_size_m |= {key: mean_m.astype(np.float32) for key, mean_m in means_m.items()}
 
 
 def rest_pose_errors(predicted: Offsets, true: Offsets, *, moves: bool) -> Errors:
-    """Errors on some vertices; a predictor whose offsets do not change has no movement to judge."""
-    found: Errors = {"offsets": ErrorSums.of(predicted.total_m, true.total_m)}
+    """Errors on some vertices; velocity and spectrum only if the predicted offsets change."""
+    errors: Errors = {"offsets": ErrorSums.of(predicted.total_m, true.total_m)}
     if true.static_m is not None:
-        found["moving"] = ErrorSums.of(predicted.moving_m, true.moving_m)
+        errors["moving"] = ErrorSums.of(predicted.moving_m, true.moving_m)
         if predicted.static_m is not None:
-            found["static"] = ErrorSums.of(predicted.static_m, true.static_m)
+            errors["static"] = ErrorSums.of(predicted.static_m, true.static_m)
     if moves:
-        found["velocity"] = VelocitySums.of(predicted, true)
-        found["spectrum"] = SpectrumSums.of(predicted, true)
-    return found
+        errors["velocity"] = VelocitySums.of(predicted, true)
+        errors["spectrum"] = SpectrumSums.of(predicted, true)
+    return errors
 
 
 def _predicted(one: Candidate, name: str, frames: slice, vertices: slice, true: Offsets) -> Offsets:
@@ -221,23 +225,23 @@ def _single(offsets_m: NDArray) -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class PosedFrames:
-    """SMPL's mesh in some frames, and how it takes offsets along."""
+    """SMPL's posed mesh in some frames, and the transforms that skin offsets."""
 
     vertices_m: NDArray[np.float64]
     """(B, V, 3) M(beta, theta), without offsets."""
     linear: NDArray[np.float64]
     """(B, V, 3, 3) linear part of each vertex's skinning transform (Eq. 1)."""
 
-    def carried(self, offsets_m: ArrayLike) -> NDArray[np.float64]:
-        """(B, V, 3) what offsets (B or 1, V, 3) of the rest pose add to the posed mesh.
+    def skinned(self, offsets_m: ArrayLike) -> NDArray[np.float64]:
+        """(B, V, 3) displacement of the posed mesh by offsets (B or 1, V, 3) of the rest pose.
 
-        Skinning is affine: M(beta, theta) + offset is `vertices_m + carried(offset)`.
+        Skinning is affine: M(beta, theta) + offset is `vertices_m + skinned(offset)`.
         """
-        # Each component's values side by side in memory: NumPy's loops then run along vertices
-        # instead of along three coordinates, ten times faster.
+        # Storing each component contiguously makes NumPy loop over vertices instead of over three
+        # coordinates, which is ten times faster.
         components = np.moveaxis(np.asarray(offsets_m), -1, 0).astype(np.float64, order="C")
         return np.einsum("bvxy,bvy->bvx", self.linear, np.moveaxis(components, 0, -1))
 
 
-Posed = dict[tuple[bytes, bytes], PosedFrames]
-"""By shape and motion."""
+PosedCache = dict[tuple[bytes, bytes], PosedFrames]
+"""Posed frames by the bytes of betas and theta."""

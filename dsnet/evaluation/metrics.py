@@ -1,7 +1,7 @@
-"""Errors of skin offsets, meshes and poses, as sums over vertices and frames.
+"""Errors of skin offsets and meshes, as sums over vertices and frames.
 
-Sums of parts add up to those of the whole, so sequences are read in pieces, and of a group of
-thousands of sequences only the sums are kept.
+Sums can be added, so sequences are read in pieces, and for a group of thousands of sequences only
+the sums are kept.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from scipy.fft import dct
 
 _BIN_M = 1e-5
 _BINS = 50_000
-# Larger pieces are slower: their arrays leave the cache, and the system maps memory for each anew.
+# Larger pieces are slower: their arrays do not fit in the cache, and are mapped anew each time.
 FRAMES_AT_ONCE = 16
-STEP_HZ = 0.5
+BIN_HZ = 0.5
 BANDS_HZ = ((0, 2), (2, 4), (4, 8), (8, 15), (15, 30))
-_STEPS = round(BANDS_HZ[-1][1] / STEP_HZ)
-# Below this, offsets follow the pose; flesh swings at higher frequencies.
-_POSES_BELOW_HZ = 2.0
+_N_BINS = round(BANDS_HZ[-1][1] / BIN_HZ)
+# Below this frequency, offsets follow the pose; soft tissue oscillates above it.
+_POSE_BELOW_HZ = 2.0
 _HALF_OCTAVE = 2**0.5
-Own = TypeVar("Own", bound="Sums")
+S = TypeVar("S", bound="Sums")
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,14 @@ class Offsets:
     """Offsets of P vertices in all T frames of one sequence: errors over time need all of them."""
 
     total_m: NDArray[np.float32]
-    """(T, P, 3) what a mesh has over SMPL in the rest pose, metres."""
+    """(T, P, 3) offsets of the mesh from SMPL in the rest pose, metres."""
     fps: float
     static_m: NDArray[np.float32] | None = None
-    """(T, P, 3) the part of it that does not swing; None where nothing is known apart."""
+    """(T, P, 3) the part of them that does not move; None where it is not separated."""
 
     @cached_property
     def moving_m(self) -> NDArray[np.float32]:
-        """(T, P, 3) what swings: all of it, or all but the static part."""
+        """(T, P, 3) the total offsets without the static part, metres."""
         return self.total_m if self.static_m is None else self.total_m - self.static_m
 
     @cached_property
@@ -53,30 +53,30 @@ class Offsets:
     def cosines_m(self) -> NDArray[np.float32]:
         """(T, P, 3) orthonormal cosine transform of the moving part over time, metres.
 
-        Coefficient k turns k fps / 2T times a second, and sums of squares are those of the offsets.
-        Unlike Fourier's, it does not take the step from the last frame to the first for movement.
+        Coefficient k has the frequency k fps / 2T Hz, and squares sum up to those of the offsets.
+        Unlike a Fourier transform, it does not see a jump from the last frame to the first.
         """
         return np.asarray(dct(self.moving_m, axis=0, norm="ortho"))
 
 
 @dataclass
 class Sums:
-    """Sums over a part of the data; `+=` takes in another part's, field by field."""
+    """Sums over a part of the data; `+=` adds those of another part, field by field."""
 
-    def __iadd__(self: Own, other: Own) -> Own:
+    def __iadd__(self: S, other: S) -> S:
         for one in fields(self):
             add = one.metadata.get("add", operator.iadd)
             setattr(self, one.name, add(getattr(self, one.name), getattr(other, one.name)))
         return self
 
     def summary(self) -> dict[str, Any] | None:
-        """Figures for a table, None where there are none."""
+        """Errors for a table, None where there are none."""
         raise NotImplementedError
 
 
 @dataclass
 class SquaredSums(Sums):
-    """Sums from which an R² follows, of vectors in metres or metres a second."""
+    """Sums of vectors, in metres or metres a second, that give an R²."""
 
     squared_error: float = 0.0
     """Sum of |predicted - true|^2."""
@@ -89,7 +89,7 @@ class SquaredSums(Sums):
 
     @property
     def r2(self) -> float:
-        """1 - sum |predicted - true|^2 / sum |true|^2: of no offsets, 0."""
+        """1 - sum |predicted - true|^2 / sum |true|^2; NaN without a reference."""
         if not self.squared_reference:
             return float("nan")
         return 1.0 - self.squared_error / self.squared_reference
@@ -97,22 +97,22 @@ class SquaredSums(Sums):
 
 @dataclass
 class ErrorSums(SquaredSums):
-    """Errors of places, of offsets in the rest pose or of posed meshes."""
+    """Errors of positions: of offsets in the rest pose or of posed meshes."""
 
     largest: float = field(default=0.0, metadata={"add": max})
     """Largest |predicted - true|, metres."""
     histogram: NDArray[np.int64] = field(default_factory=lambda: np.zeros(_BINS, np.int64))
-    """Vertices by distance, in bins of 10 micrometres; the last holds all beyond."""
+    """Number of vertices by distance, in bins of 10 micrometres; the last is open-ended."""
 
     @classmethod
     def of(cls, predicted: ArrayLike, reference: ArrayLike) -> ErrorSums:
-        """Of frames (T, V, 3), metres."""
+        """Sums over frames (T, V, 3), metres."""
         sums = cls()
         sums.add(predicted, reference)
         return sums
 
     def add(self, predicted: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
-        """Take in frames (T, V, 3), metres; return the distance of each vertex (T, V)."""
+        """Add frames (T, V, 3), metres; return the distance of each vertex (T, V)."""
         reference = np.asarray(reference, dtype=np.float64)
         error = np.asarray(predicted, dtype=np.float64) - reference
         distance = np.linalg.norm(error, axis=-1)
@@ -126,7 +126,7 @@ class ErrorSums(SquaredSums):
         return distance
 
     def summary(self) -> dict[str, float]:
-        """Errors in millimetres; 95 % of the vertices stay below `p95_mm`, to 10 micrometres."""
+        """Errors in millimetres; `p95_mm` is the 95 % quantile, to 10 micrometres."""
         count = max(self.count, 1)
         reached = np.searchsorted(np.cumsum(self.histogram), 0.95 * self.count)
         return {
@@ -140,7 +140,7 @@ class ErrorSums(SquaredSums):
 
 @dataclass
 class VelocitySums(SquaredSums):
-    """Errors of d/dt of the offsets: whether flesh jiggles as it should, not only where it is."""
+    """Errors of the velocity of the moving offsets."""
 
     @classmethod
     def of(cls, predicted: Offsets, true: Offsets) -> VelocitySums:
@@ -154,7 +154,7 @@ class VelocitySums(SquaredSums):
         return cls(error, energy, distance, squared.size)
 
     def summary(self) -> dict[str, float]:
-        """R² (0: no movement at all is predicted), mean and root mean square error, mm/s."""
+        """R² (0 for offsets that do not move), mean and root mean square error, mm/s."""
         count = max(self.count, 1)
         return {
             "r2": self.r2,
@@ -166,50 +166,50 @@ class VelocitySums(SquaredSums):
 
 @dataclass
 class SpectrumSums(Sums):
-    """Squared offsets by frequency, in steps of half a hertz: how much flesh moves how fast."""
+    """Squared moving offsets by frequency, in bins of half a hertz."""
 
-    energy: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, _STEPS)))
-    """(3, 60) of the true offsets, of the predicted ones and of their difference, square metres,
-    over vertices and frames."""
+    energy: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, _N_BINS)))
+    """(3, 60) sums over vertices and frames of the true offsets, the predicted ones and their
+    difference, square metres."""
     count: int = 0
     """Vertices, over all frames."""
 
     @classmethod
     def of(cls, predicted: Offsets, true: Offsets) -> SpectrumSums:
         frames, vertices = true.moving_m.shape[:2]
-        steps = frequency_steps(frames, true.fps)
-        # The transform is linear: the difference need not be transformed too.
+        bins = frequency_bins(frames, true.fps)
+        # The transform is linear, so the difference is that of the coefficients.
         cosines_m = (true.cosines_m, predicted.cosines_m, predicted.cosines_m - true.cosines_m)
         squares = (np.einsum("kvx,kvx->k", one, one) for one in cosines_m)
-        energy = [np.bincount(steps, square, minlength=_STEPS) for square in squares]
+        energy = [np.bincount(bins, square, minlength=_N_BINS) for square in squares]
         return cls(np.stack(energy, dtype=np.float64), frames * vertices)
 
     def rms_mm(self) -> NDArray[np.float64]:
-        """(3, 60) true, predicted and error: root mean square of each step of frequency, mm."""
+        """(3, 60) true, predicted and error: root mean square in each frequency bin, mm."""
         return 1e3 * np.sqrt(self.energy / max(self.count, 1))
 
     def summary(self) -> dict[str, Any]:
-        """`bands`, and `own`: half an octave either way of the tissue's own frequency."""
-        own_hz = self.own_hz()
-        own = self._between(own_hz / _HALF_OCTAVE, own_hz * _HALF_OCTAVE)
+        """`bands`, and `own`: the band of half an octave on either side of `peak_hz`."""
+        peak_hz = self.peak_hz()
+        around_peak = self._between(peak_hz / _HALF_OCTAVE, peak_hz * _HALF_OCTAVE)
         return {
             "bands": [{"from_hz": low, "to_hz": high} | self._between(low, high)
                       for low, high in BANDS_HZ],
-            "own": {"hz": own_hz} | own,
+            "own": {"hz": peak_hz} | around_peak,
         }  # fmt: skip
 
-    def own_hz(self) -> float:
-        """Where the true offsets move fastest: the frequency with most of their velocity's energy.
+    def peak_hz(self) -> float:
+        """The frequency at which the velocity of the true offsets has most energy.
 
-        Poses change more slowly and are left out; the mean of three neighbours is compared.
+        Energies are smoothed over three bins; low frequencies, which follow the pose, do not count.
         """
-        middles_hz = STEP_HZ * (np.arange(_STEPS) + 0.5)
-        speed = np.where(middles_hz > _POSES_BELOW_HZ, middles_hz**2 * self.energy[0], 0.0)
-        return float(middles_hz[int(np.argmax(np.convolve(speed, np.ones(3), "same")))])
+        centres_hz = BIN_HZ * (np.arange(_N_BINS) + 0.5)
+        energy = np.where(centres_hz > _POSE_BELOW_HZ, centres_hz**2 * self.energy[0], 0.0)
+        return float(centres_hz[int(np.argmax(np.convolve(energy, np.ones(3), "same")))])
 
     def _between(self, low_hz: float, high_hz: float) -> dict[str, float]:
-        """Root mean squares, mm; predicted over true; R² of what lies between two frequencies."""
-        chosen = slice(round(low_hz / STEP_HZ), max(round(high_hz / STEP_HZ), 1))
+        """Root mean squares, mm, their ratio (predicted over true) and R² of a frequency band."""
+        chosen = slice(round(low_hz / BIN_HZ), max(round(high_hz / BIN_HZ), 1))
         true, predicted, error = (float(energy[chosen].sum()) for energy in self.energy)
         count = max(self.count, 1)
         return {
@@ -220,19 +220,20 @@ class SpectrumSums(Sums):
         }
 
 
-def frequency_steps(frames: int, fps: float) -> NDArray[np.int64]:
-    """(T,) step of frequency in which each coefficient of `frames` frames lies."""
-    # A hair more than nothing: k fps / 2T may fall just below the whole number that it is.
-    steps = np.arange(frames) * fps / (2 * frames * STEP_HZ) + 1e-9
-    return np.minimum(steps.astype(np.int64), _STEPS - 1)
+def frequency_bins(frames: int, fps: float) -> NDArray[np.int64]:
+    """(T,) index of the frequency bin of each cosine coefficient of `frames` frames."""
+    # The small number makes up for rounding, which may put k fps / 2T just below an integer.
+    bins = np.arange(frames) * fps / (2 * frames * BIN_HZ) + 1e-9
+    return np.minimum(bins.astype(np.int64), _N_BINS - 1)
 
 
 Errors = dict[str, Sums]
-"""Of one predictor, by what is compared: `mesh`, `offsets` and, where the truth tells them apart,
-`moving` and `static`; of what moves `velocity` and `spectrum`."""
+"""Errors of one predictor by measure: `mesh`, `offsets`, `velocity` and `spectrum`; also `moving`
+and `static` where the truth separates them."""
 
 
 def add_errors(total: Errors, part: Errors) -> None:
+    """Add errors of a part of the data to those of the whole, in place."""
     for measure, sums in part.items():
         total[measure] = operator.iadd(total.get(measure, type(sums)()), sums)
 
@@ -252,16 +253,18 @@ class GroupErrors:
                 self._squares.setdefault(measure, []).append(pair)
 
     def summary(self) -> dict[str, Any]:
-        """The summary of each measure; what has an `r2` has `r2_se`, its spread over sequences."""
-        found: dict[str, Any] = {name: sums.summary() for name, sums in self.sums.items()}
+        """The summary of each measure, with `r2_se`, the standard error of its `r2`."""
+        summary: dict[str, Any] = {name: sums.summary() for name, sums in self.sums.items()}
         for measure, squares in self._squares.items():
-            found[measure]["r2_se"] = jackknife_r2_se(squares)
-        return found
+            summary[measure]["r2_se"] = jackknife_r2_se(squares)
+        return summary
 
 
 def jackknife_r2_se(squares: Sequence[tuple[float, float]]) -> float | None:
-    """Standard error of the pooled R², from each sequence's squared error and squared reference,
-    by leaving each out; None for one alone."""
+    """Jackknife standard error of the pooled R² over sequences; None for a single sequence.
+
+    `squares` are each sequence's squared error and squared reference.
+    """
     if len(squares) < 2:
         return None
     error, reference = np.array(squares).T.copy()
@@ -272,6 +275,6 @@ def jackknife_r2_se(squares: Sequence[tuple[float, float]]) -> float | None:
 
 
 def frame_blocks(frames: slice, size: int = FRAMES_AT_ONCE) -> Iterator[slice]:
-    """Cut a range of frames or vertices into pieces that fit in memory."""
+    """Cut a range of frames or vertices into pieces of `size`."""
     for start in range(frames.start, frames.stop, size):
         yield slice(start, min(start + size, frames.stop))

@@ -1,1 +1,1 @@
-"""Figures, tables and the page of a run."""
+"""The report of a run: figures, tables and pages."""

@@ -1,4 +1,4 @@
-"""Figures 6, 8 and 10 of the paper, losses, and how offsets move."""
+"""Figures 6, 8 and 10 of the paper, losses, and the size and spectrum of offsets over time."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from bridge.paper import CLIP_FRAMES
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
 from dsnet.evaluation.comparison import TRUE
-from dsnet.evaluation.evaluation import MESH_ERROR, OFFSET_SIZE, frames_m
-from dsnet.evaluation.metrics import STEP_HZ
-from dsnet.evaluation.pipelines import PERSON_MEAN, SMPL
+from dsnet.evaluation.evaluation import MESH_ERROR, OFFSET_SIZE, per_frame_m
+from dsnet.evaluation.metrics import BIN_HZ
+from dsnet.evaluation.pipelines import SMPL, SUBJECT_MEAN
 from dsnet.report.panels import new_figure, save_figure
 
-# Okabe and Ito's colours, told apart by every reader; line styles do it in print.
+# Okabe and Ito's colours are safe for colour-blind readers; line styles help in print.
 _TRAINED = ("#0072B2", "#56B4E9", "#CC79A7", "#009E73", "#D55E00", "#F0E442")
 _LINES = ("-", "-.", ":")
-_UNTRAINED = {PERSON_MEAN: ("#E69F00", "--"), SMPL: ("#777777", "-")}
+_UNTRAINED = {SUBJECT_MEAN: ("#E69F00", "--"), SMPL: ("#777777", "-")}
 _TRUE_STYLE = ("#000000", "-")
 TRUE_POSE = "true pose"
 _ALIGNED = ("#D55E00", "#0072B2", "#009E73")
 _LOSSES = {"training": ("#0072B2", "-"), "validation": ("#D55E00", "--")}
 Curves = Mapping[str, tuple[NDArray, NDArray]]
-"""Places along the axis and values, by label."""
+"""x and y values of each curve, by label."""
 
 
 @contextmanager
 def _drawn_axes(
     path: Path, title: str, origin: DataOrigin, x: str, y: str, *, legend: bool = True
 ) -> Iterator[Axes]:
-    """Axes to draw on; the figure is written at the end."""
+    """Axes of a new figure, which is written to `path` when the block ends."""
     figure = new_figure(8.0, 3.9, title=title, origin=origin)
     axes = figure.subplots()
     yield axes
@@ -48,6 +48,7 @@ def _drawn_axes(
 
 
 def finish_axes(axes: Axes, x: str, y: str, *, legend: bool = True) -> None:
+    """Label axes and give them the look that all curves of the report share."""
     axes.set_xlabel(x, fontsize=9)
     axes.set_ylabel(y, fontsize=9)
     axes.tick_params(labelsize=8)
@@ -59,7 +60,7 @@ def finish_axes(axes: Axes, x: str, y: str, *, legend: bool = True) -> None:
 
 
 def draw_figure6(path: Path, align: Artifact) -> None:
-    """Figure 6: histogram of the sequences' lengths, and the length that all are brought to."""
+    """Figure 6: histogram of sequence lengths, and the clip length they are padded or cut to."""
     lengths = [sequence.length for sequence in sequences_of(align)]
     title = "Figure 6: lengths of the sequences"
     with _drawn_axes(path, title, align.origin, "frames", "sequences", legend=False) as axes:
@@ -74,7 +75,7 @@ def draw_figure6(path: Path, align: Artifact) -> None:
 
 
 def draw_figure8(path: Path, evaluate: Artifact, sequence: Mapping[str, Any]) -> None:
-    """Figure 8: error of the posed mesh in each frame; the default is drawn last and so on top."""
+    """Figure 8: error of the posed mesh in each frame; the default predictor is drawn on top."""
     title = f"Figure 8: error over time, {sequence['name']} (never trained on)"
     styles = dict(reversed((trained_styles(evaluate) | _UNTRAINED).items()))
     _draw_over_time(path, evaluate, MESH_ERROR, sequence, styles, title, "mean vertex error [mm]")
@@ -85,8 +86,8 @@ def draw_figure10(
 ) -> None:
     """Figure 10: rotation vectors (T, 3) of one joint over time, radians, by label.
 
-    One that is called `true pose` lies beneath the others and broad, so that a curve on top of it
-    is seen to be there.
+    The one labelled `TRUE_POSE` is drawn as a broad line below the others, so that it stays
+    visible where they coincide.
     """
     figure = new_figure(8.0, 5.4, title=title, origin=origin)
     for component, axes in enumerate(figure.subplots(3, 1, sharex=True, sharey=True)):
@@ -106,7 +107,7 @@ def draw_figure10(
 
 
 def draw_offset_size(path: Path, evaluate: Artifact, sequence: Mapping[str, Any]) -> None:
-    """Mean length of the moving offsets in each frame."""
+    """Draw the mean length of the moving offsets in each frame."""
     title = f"Size of the skin offsets over time, {sequence['name']} (never trained on)"
     styles = {TRUE: _TRUE_STYLE} | trained_styles(evaluate)
     _draw_over_time(path, evaluate, OFFSET_SIZE, sequence, styles, title, "mean over vertices [mm]")
@@ -124,7 +125,7 @@ def _draw_over_time(
     fps = next(s.fps for s in sequences_of(evaluate) if s.name == sequence["name"])
     with _drawn_axes(path, title, evaluate.origin, "time [s]", y) as axes:
         for name, (colour, line) in styles.items():
-            curve_m = frames_m(evaluate, kind, name, sequence["name"])
+            curve_m = per_frame_m(evaluate, kind, name, sequence["name"])
             if curve_m is not None:
                 label = evaluate.manifest["predictors"].get(name, "true")
                 label += f", mean {1e3 * curve_m.mean():.2f} mm"
@@ -135,7 +136,7 @@ def _draw_over_time(
 
 
 def liveliest_sequence(evaluate: Artifact) -> dict[str, Any] | None:
-    """The test sequence whose true offsets change fastest; None if none is measured."""
+    """The test sequence whose true offsets change fastest; None if no velocity was measured."""
     default = evaluate.manifest["default"]
     tested = [
         one
@@ -147,12 +148,12 @@ def liveliest_sequence(evaluate: Artifact) -> dict[str, Any] | None:
 
 
 def draw_spectrum(path: Path, evaluate: Artifact) -> None:
-    """Root mean square of the moving offsets in each half hertz, over all test sequences."""
+    """Draw the root mean square of the moving offsets by frequency, over all test sequences."""
     arrays, labels = evaluate.manifest["arrays"], evaluate.manifest["predictors"]
     styles = trained_styles(evaluate)
     drawn = {n: evaluate.array(f"spectrum_{n}") for n in styles if f"spectrum_{n}" in arrays}
     true_mm = next(iter(drawn.values()))[0]
-    frequencies_hz = STEP_HZ * (np.arange(len(true_mm)) + 0.5)
+    frequencies_hz = BIN_HZ * (np.arange(len(true_mm)) + 0.5)
     floor_mm = 1e-4 * float(true_mm.max()) or 1e-9
     curves = [("true", true_mm, _TRUE_STYLE, 2.0)]
     curves += [(labels[name], sizes_mm[1], styles[name], 1.5) for name, sizes_mm in drawn.items()]
@@ -174,7 +175,7 @@ def trained_styles(evaluate: Artifact) -> dict[str, tuple[str, str]]:
 
 
 def draw_autoencoder_loss(path: Path, train_ae: Artifact) -> None:
-    """Losses of the autoencoder; validation begins before the first step."""
+    """Draw the autoencoder's losses; the validation loss starts before the first step."""
     loss, validation, steps = (
         np.asarray(train_ae.array(name)) for name in ("loss", "validation_loss", "validation_steps")
     )
@@ -184,7 +185,7 @@ def draw_autoencoder_loss(path: Path, train_ae: Artifact) -> None:
 
 
 def draw_predictor_losses(path: Path, title: str, x: str, y: str, trained: Artifact) -> None:
-    """Losses of each predictor that has some; their units differ, so each has axes of its own."""
+    """Draw the losses of each predictor that has any, on separate axes as their units differ."""
     arrays = trained.manifest["arrays"]
     panels: dict[str, dict[str, tuple[NDArray, NDArray]]] = {}
     for name, one in trained.manifest["predictors"].items():
@@ -201,7 +202,7 @@ def draw_predictor_losses(path: Path, title: str, x: str, y: str, trained: Artif
 def _draw_losses(
     path: Path, title: str, origin: DataOrigin, panels: Mapping[str, Curves], x: str, y: str
 ) -> None:
-    """Axes side by side, by title; on a logarithmic scale where losses fall far."""
+    """Draw one panel per title side by side, on a logarithmic scale where losses fall far."""
     width_in = 6.5 if len(panels) == 1 else 4.4 * len(panels)
     figure = new_figure(width_in, 3.6, title=title, origin=origin)
     row = figure.subplots(1, len(panels), squeeze=False)[0]

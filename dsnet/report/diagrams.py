@@ -1,4 +1,4 @@
-"""Figures 3 and 5 of the paper: the networks that a run has trained, as it has built them."""
+"""Figures 3 and 5 of the paper: diagrams of the networks that a run has trained."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from bridge.paper import FEATURES, LATENT_SIZE
 from bridge.runs import Artifact
 from dsnet.report.panels import new_figure, save_figure
 
-_DATA, _LINEAR, _CONV, _MEMORY = "#C9CED6", "#56B4E9", "#E69F00", "#009E73"
+_DATA, _LINEAR, _CONV, _LSTM = "#C9CED6", "#56B4E9", "#E69F00", "#009E73"
 
 
 def draw_figure3(path: Path, train_ae: Artifact) -> None:
-    """Figure 3: the autoencoder's data, as grey boxes of vertices by features, and its layers."""
+    """Figure 3: the autoencoder's layers, with its data as grey boxes of vertices by features."""
     sizes = sizes_of(train_ae.manifest["architecture"]["widths"])
     linear = len(FEATURES) - 1
     layers = ["linear"] * linear + ["Conv1d"] * (len(sizes) - 1 - linear)
@@ -29,7 +29,7 @@ def draw_figure3(path: Path, train_ae: Artifact) -> None:
     figure = new_figure(10.0, 3.6, title=title, origin=train_ae.origin)
     axes = figure.subplots()
     for place, size in enumerate(mirrored):
-        # Heights and widths by the logarithm: 6,890 vertices would hide all others.
+        # Box heights are logarithmic: on a linear scale 6,890 vertices would dwarf the rest.
         vertices, features = size or (LATENT_SIZE, 1)
         height, width = np.log10(vertices) / 4, 0.16 + 0.035 * features
         axes.add_patch(Rectangle((place - width / 2, -height / 2), width, height, fc=_DATA, ec="k"))
@@ -49,8 +49,10 @@ def draw_figure3(path: Path, train_ae: Artifact) -> None:
 
 
 def sizes_of(widths: Sequence[int]) -> list[tuple[int, int]]:
-    """Vertices and features of the encoder's data, from the mesh to what its last layer is given;
-    the decoder's are the same backwards."""
+    """Vertices and features between the encoder's layers, from the mesh to its last layer's input.
+
+    The decoder has the same sizes in reverse order.
+    """
     sizes = [(widths[0], features) for features in FEATURES]
     return [*sizes, *((vertices, FEATURES[-1]) for vertices in widths[1:])]
 
@@ -58,15 +60,15 @@ def sizes_of(widths: Sequence[int]) -> list[tuple[int, int]]:
 def draw_figure5(path: Path, train: Artifact) -> None:
     """Figure 5: DSNet unrolled over three frames, with the widths of the trained weights."""
     weights = load_weights(train.file(f"{train.manifest['default']}.safetensors"))
-    into, first = weights["fc_enc_1/kernel"].shape
-    second, memory = weights["fc_enc_2/kernel"].shape[1], weights["lstm/recurrent_kernel"].shape[0]
-    boxes = [  # what stands in it, the width of what comes in from below, its colour
+    inputs, first = weights["fc_enc_1/kernel"].shape
+    second, hidden = weights["fc_enc_2/kernel"].shape[1], weights["lstm/recurrent_kernel"].shape[0]
+    boxes = [  # text, width of the input from below, colour
         ("$\\beta$, $\\theta_{{{t}}}$", "", _DATA),
-        ("fc_enc_1, linear", into, _LINEAR),
+        ("fc_enc_1, linear", inputs, _LINEAR),
         ("fc_enc_2, tanh", first, _LINEAR),
-        ("LSTM", second, _MEMORY),
-        ("batch norm", memory, _CONV),
-        ("fc_enc_3, linear", memory, _LINEAR),
+        ("LSTM", second, _LSTM),
+        ("batch norm", hidden, _CONV),
+        ("fc_enc_3, linear", hidden, _LINEAR),
         ("$\\tilde{{\\delta}}_{{{t}}}$", weights["fc_enc_3/kernel"].shape[1], _DATA),
     ]
     count = train.manifest["parameters"]["dsnet"]
@@ -76,8 +78,8 @@ def draw_figure5(path: Path, train: Artifact) -> None:
     for column, time in enumerate(("t-1", "t", "t+1")):
         for row, (text, width, colour) in enumerate(boxes):
             axes.add_patch(Rectangle((column - 0.3, row), 0.6, 0.55, fc=colour, ec="black", lw=0.8))
-            said = text.format(t=time)
-            axes.text(column, row + 0.27, said, ha="center", va="center", fontsize=9)
+            label = text.format(t=time)
+            axes.text(column, row + 0.27, label, ha="center", va="center", fontsize=9)
             if row:
                 _arrow(axes, (column, row - 0.45), (column, row))
                 axes.text(column + 0.05, row - 0.225, width, va="center", fontsize=8)

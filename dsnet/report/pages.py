@@ -1,4 +1,4 @@
-"""The report's pages, in Markdown and HTML, of what `results.json` says."""
+"""Render the report from `results.json`, in Markdown and HTML."""
 
 from __future__ import annotations
 
@@ -16,73 +16,75 @@ from dsnet.evaluation.pipelines import SMPL
 
 
 def main_table(results: Mapping[str, Any]) -> str:
-    """Each pipeline's predictors, and its own SMPL alone, in every test group; Markdown.
+    """A Markdown table: a row for each predictor and for SMPL alone, a column for each test group.
 
-    A column has one reference: the mesh that was registered, of test motions the true one. What
-    was trained from several seeds has its means, and the spread of R².
+    A column's errors are measured against the registered mesh, or against the true mesh for test
+    motions. A predictor trained from several seeds shows its mean, and the spread of R².
     """
-    cells = {
-        cell: title
-        for cell, title in results["cell_titles"].items()
-        if cell in ("validation", *CELLS)
-        and any("mesh" in errors for errors in results["cells"][cell].values())
+    groups = {
+        group: title
+        for group, title in results["cell_titles"].items()
+        if group in ("validation", *CELLS)
+        and any("mesh" in errors for errors in results["cells"][group].values())
     }
     against = dict.fromkeys(CELLS, "true mesh") | {"validation": "registered mesh"}
-    heads = [f"{title}, against the {against[cell]}" for cell, title in cells.items()]
-    rows = ["| mean error, R² | " + " | ".join(heads) + " |", "|---" + "|---:" * len(cells) + "|"]
+    heads = [f"{title}, against the {against[group]}" for group, title in groups.items()]
+    rows = ["| mean error, R² | " + " | ".join(heads) + " |", "|---" + "|---:" * len(groups) + "|"]
     for key, pipeline in results["pipelines"].items():
-        own = {name: results["predictors"][name] for name in pipeline["predictors"]}
-        own[smpl_of(results, key)] = f"*SMPL alone, as `{pipeline['aligner']}` fitted it*"
-        for name, label in own.items():
-            found = [_mm_and_r2(results, cell, name) for cell in cells]
-            rows.append(f"| {label} | " + " | ".join(found) + " |")
+        labels = {name: results["predictors"][name] for name in pipeline["predictors"]}
+        labels[smpl_name(results, key)] = f"*SMPL alone, as `{pipeline['aligner']}` fitted it*"
+        for name, label in labels.items():
+            scores = [_mm_and_r2(results, group, name) for group in groups]
+            rows.append(f"| {label} | " + " | ".join(scores) + " |")
     return "\n".join(rows)
 
 
 def verdict_lines(results: Mapping[str, Any]) -> list[str]:
-    """For each pipeline a sentence: in which test groups it does better than its SMPL alone."""
+    """A sentence for each pipeline: the test groups in which it is better than SMPL alone."""
     lines = []
     for key, pipeline in results["pipelines"].items():
-        name, smpl = pipeline["default"], smpl_of(results, key)
+        name, smpl = pipeline["default"], smpl_name(results, key)
         better, worse = [], []
-        for cell, title in results["cell_titles"].items():
-            own, without = (of_mesh(results, cell, one, "mean_mm") for one in (name, smpl))
-            if cell in ("validation", *CELLS) and own:
-                less = own[0] < without[0]
-                (better if less else worse).append(title)
-        said = f"**{results['predictors'][name]}** is nearer to the mesh than SMPL alone in: "
-        said += "; ".join(better) or "no test group"
-        lines.append(f"{said}. Farther in: {'; '.join(worse)}." if worse else f"{said}.")
+        for group, title in results["cell_titles"].items():
+            error, without = (mesh_score(results, group, one, "mean_mm") for one in (name, smpl))
+            if group in ("validation", *CELLS) and error:
+                (better if error[0] < without[0] else worse).append(title)
+        line = f"**{results['predictors'][name]}** is nearer to the mesh than SMPL alone in: "
+        line += "; ".join(better) or "no test group"
+        lines.append(f"{line}. Farther in: {'; '.join(worse)}." if worse else f"{line}.")
     return lines
 
 
-def smpl_of(results: Mapping[str, Any], pipeline: str) -> str:
-    """What SMPL alone is called in the motions of the pipeline of that name."""
-    return own if (own := f"{SMPL}_{pipeline}") in results["predictors"] else SMPL
+def smpl_name(results: Mapping[str, Any], pipeline: str) -> str:
+    """The name in `results["predictors"]` of SMPL alone, with the motions of a pipeline."""
+    named = f"{SMPL}_{pipeline}"
+    return named if named in results["predictors"] else SMPL
 
 
-def of_mesh(results: Mapping[str, Any], cell: str, name: str, number: str) -> tuple[float, ...]:
-    """A predictor's `mean_mm` or `r2` of the posed mesh in a test group; of what was trained from
-    several seeds the mean and the standard deviation. Empty where it was not measured."""
+def mesh_score(results: Mapping[str, Any], group: str, name: str, score: str) -> tuple[float, ...]:
+    """A predictor's `mean_mm` or `r2` of the posed mesh in a test group.
+
+    Mean and standard deviation if it was trained from several seeds; empty if not measured.
+    """
     seeds = results["seeds"]["cells"] if results["seeds"] else {}
-    if mesh := seeds.get(cell, {}).get(name, {}).get("mesh"):
-        return mesh[number]["mean"], mesh[number]["sd"]
-    mesh = results["cells"][cell].get(name, {}).get("mesh")
-    return (mesh[number],) if mesh else ()
+    if mesh := seeds.get(group, {}).get(name, {}).get("mesh"):
+        return mesh[score]["mean"], mesh[score]["sd"]
+    mesh = results["cells"][group].get(name, {}).get("mesh")
+    return (mesh[score],) if mesh else ()
 
 
 def plus_minus(values: Sequence[float]) -> str:
-    """A number, or a mean and its spread."""
+    """A number with two decimals, or a mean and its standard deviation with ± between."""
     return " ± ".join(_decimals(value, 2) for value in values)
 
 
-def _mm_and_r2(results: Mapping[str, Any], cell: str, name: str) -> str:
-    mm, r2 = (of_mesh(results, cell, name, number) for number in ("mean_mm", "r2"))
+def _mm_and_r2(results: Mapping[str, Any], group: str, name: str) -> str:
+    mm, r2 = (mesh_score(results, group, name, score) for score in ("mean_mm", "r2"))
     return f"{plus_minus(mm[:1])} mm, {plus_minus(r2)}" if mm else "-"
 
 
 def _decimals(value: float | None, digits: int) -> str:
-    # Adding 0 turns the negative zero of rounding into zero.
+    # Adding 0 turns -0.0, which rounding can give, into 0.0.
     return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
@@ -96,21 +98,21 @@ _ENVIRONMENT = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
     keep_trailing_newline=True,
-    # Markdown escapes for itself; the HTML page marks what comes rendered.
+    # Markdown is escaped when it is rendered; the HTML template marks its body as safe.
     autoescape=lambda name: bool(name and name.endswith(".html.j2")),
 )
 _ENVIRONMENT.filters |= {"decimals": _decimals, "exponent": _exponent}
 
 
-def render(template: str, **given: Any) -> str:
-    """One of the templates with what it is given."""
-    return _ENVIRONMENT.get_template(template).render(given)
+def render(template: str, **variables: Any) -> str:
+    """Fill one of the templates in `dsnet/report/templates`."""
+    return _ENVIRONMENT.get_template(template).render(variables)
 
 
 def render_markdown(
     results: Mapping[str, Any], figures: Sequence[Any], departures: Sequence[str], notice: str
 ) -> str:
-    """The page, with a line of links to its sections where the template says so."""
+    """The report in Markdown; links to its sections replace the template's `[contents]`."""
     shown = [results["predictors"][one["default"]] for one in results["pipelines"].values()]
     page = render(
         "report.md.j2",
@@ -129,29 +131,29 @@ def render_markdown(
 
 
 def _anchor(title: str) -> str:
-    """As GitHub makes one of a heading."""
+    """The anchor that GitHub gives a heading."""
     return re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")
 
 
 def render_html(markdown: str, folder: Path, *, title: str, banner: str) -> str:
-    """A page that needs no other file: pictures named in `markdown` are read from `folder`."""
+    """A self-contained HTML page, in which the pictures of `folder` are embedded."""
 
-    def picture(found: re.Match[str]) -> str:
-        encoded = base64.b64encode((folder / found[1]).read_bytes()).decode("ascii")
+    def picture(match: re.Match[str]) -> str:
+        encoded = base64.b64encode((folder / match[1]).read_bytes()).decode("ascii")
         return f'src="data:image/png;base64,{encoded}"'
 
     body = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
     body = re.sub(r'src="(figures/[\w.-]+\.png)"', picture, body)
-    # A name that is a picture from elsewhere would have it fetched by whoever reads the page.
+    # A sequence's name could contain a link to a remote picture: drop it, browsers would load it.
     body = re.sub(r'<img (?!src="data:)[^>]*>', "", body)
     body = re.sub(r"<h2>(.*?)</h2>", lambda h: f'<h2 id="{_anchor(h[1])}">{h[1]}</h2>', body)
-    # Of all HTML these alone are let through: what is behind a fold.
+    # The only HTML that is allowed in the Markdown: foldable sections.
     body = re.sub(
         r"<p>&lt;details&gt;&lt;summary&gt;(.*?)&lt;/summary&gt;</p>",
         r"<details><summary>\1</summary>",
         body,
     ).replace("<p>&lt;/details&gt;</p>", "</details>")
-    # Tables scroll by themselves on a narrow screen, the page does not.
+    # On a narrow screen a wide table scrolls, not the page.
     body = body.replace("<table>", '<div class="wide"><table>')
     body = body.replace("</table>", "</table></div>")
     return render("page.html.j2", title=title, banner=banner, body=body)

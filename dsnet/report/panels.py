@@ -1,4 +1,4 @@
-"""Figures that say what data they show, and rows of bodies, coloured by their offsets' size."""
+"""Figures with a footer about their data, and rows of bodies coloured by offset length."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.runs.artifact import DataShown
 from dsnet.report.render import frame_camera, render_bodies
 
-# Perceptually uniform, and light where nothing happens, so that a body still looks like one.
+# Perceptually uniform, and light at zero, so that a body without offsets looks like a body.
 MAGNITUDE_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.03, 0.85, 256)))
 FOOTERS = {
     "synthetic": "synthetic: body model and soft tissue are computed, no skin was measured",
@@ -30,17 +30,17 @@ _STRIP_BODIES = 8
 
 
 def footer(origin: DataShown, recorded: str = "") -> str:
-    """What kind of data a picture shows, and whose motion if it was recorded."""
+    """The footer of a picture: the kind of data, and the source of a recorded motion."""
     return f"{FOOTERS[origin]}; motion recorded: {recorded}" if recorded else FOOTERS[origin]
 
 
 def magnitude_colours(magnitude_m: ArrayLike, top_m: float) -> NDArray[np.float64]:
-    """sRGB colour (..., 3) of each magnitude (...), the darkest from `top_m` on."""
+    """sRGB colours (..., 3) of magnitudes (...), metres; the darkest at `top_m` and above."""
     return MAGNITUDE_COLOURS(np.clip(np.asarray(magnitude_m) / top_m, 0.0, 1.0))[..., :3]
 
 
 def scale_top_m(magnitude_m: ArrayLike) -> float:
-    """A round number of millimetres that all but the largest magnitudes stay below."""
+    """The top of a colour scale, metres: a round number above the 99.8 % quantile."""
     value = max(float(np.quantile(np.asarray(magnitude_m), 0.998)), 1e-4)
     decade = float(10.0 ** np.floor(np.log10(value)))
     return decade * next(s for s in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if s * decade >= value)
@@ -49,7 +49,7 @@ def scale_top_m(magnitude_m: ArrayLike) -> float:
 def new_figure(width_in: float, height_in: float, *, title: str, origin: DataShown) -> Figure:
     """A figure that says in its footer what kind of data it shows."""
     figure = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
-    # Legible on a phone, and never cut: constrained layout leaves room for both.
+    # Constrained layout leaves room for title and footer.
     figure.suptitle(title, fontsize=11, fontweight="bold")
     figure.supxlabel(FOOTERS[origin], fontsize=7.5, color="#8a4b00", style="italic")
     return figure
@@ -74,9 +74,9 @@ def draw_panels(
     width_in: float = 9.0,
     framed: Collection[tuple[int, int]] = (),
 ) -> None:
-    """Write a grid of pictures, with a colour bar from 0 to `colour_top_m` in centimetres.
+    """Write a grid of pictures with a colour bar from 0 to `colour_top_m` in centimetres.
 
-    Those in the rows and columns that are `framed` stand in boxes.
+    Pictures whose (row, column) is in `framed` get a frame.
     """
     rows, columns = len(pictures), len(pictures[0])
     height, width = pictures[0][0].shape[:2]
@@ -103,11 +103,10 @@ def draw_motion_strip(
     origin: DataShown,
     width_px: int = 1300,
 ) -> None:
-    """Write a PNG of evenly spaced frames, of 60 a second, side by side; colour is the offset's
-    magnitude.
+    """Write a PNG of up to eight evenly spaced frames side by side, coloured by offset length.
 
-    Vertices, posed and y up, and offsets in the rest pose are (T, V, 3), metres, and may be
-    memory-mapped; faces are (F, 3).
+    Vertices, posed and y up, and offsets in the rest pose are (T, V, 3), metres, 60 fps, and may
+    be memory-mapped; faces are (F, 3).
     """
     total = np.shape(vertices_m)[0]
     frames = np.unique(np.linspace(0, total - 1, min(_STRIP_BODIES, total)).round().astype(int))
@@ -137,9 +136,8 @@ def draw_row_of_bodies(
 ) -> None:
     """Write a PNG of bodies (N, V, 3) side by side, coloured by magnitude (N, V), metres.
 
-    Each body stands in a place of its own: its travel along the floor is taken out, its height
-    above the floor is kept, so a jump is seen as one. `labels` stand below the bodies; the narrower
-    the page (`width_in`), the larger are letters beside the bodies.
+    Travel along the floor is removed, height above the floor is kept, so that a jump looks like
+    one. `labels` are written below the bodies; a smaller page (`width_in`) has larger letters.
     """
     posed = np.asarray(vertices_m, dtype=np.float64)
     low, high = posed[..., 0].min(axis=1), posed[..., 0].max(axis=1)
@@ -171,7 +169,7 @@ def draw_row_of_bodies(
 
 
 def _add_colour_bar(figure: Figure, axes: Sequence[Axes], top_m: float, label: str) -> None:
-    """A bar from 0 to `top_m`, in the paper's centimetres."""
+    """Add a colour bar from 0 to `top_m`, in centimetres like the paper's."""
     scale = ScalarMappable(Normalize(0.0, 100 * top_m), MAGNITUDE_COLOURS)
     bar = figure.colorbar(scale, ax=axes, fraction=0.025, pad=0.01, aspect=30, extend="max")
     bar.set_label(f"{label} [cm]", fontsize=9)

@@ -1,4 +1,4 @@
-"""Each number that the paper prints, beside ours, read from what a run's stages recorded."""
+"""Compare each number that the paper prints with ours, read from the manifests of a run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from bridge.paper import (
 )
 from bridge.runs import Artifact
 from bridge.runs.untrusted import open_npz
-from dsnet.evaluation.evaluation import MESH_ERROR, frames_m
+from dsnet.evaluation.evaluation import MESH_ERROR, per_frame_m
 
 Stages = Mapping[str, Artifact]
 
@@ -36,20 +36,20 @@ _ONE_GENDER = "one gender at a time, like the paper's own training"
 
 @dataclass(frozen=True)
 class Measured:
-    """A number of ours, None when the run has none; why it may differ from the paper's."""
+    """One of our numbers, None when the run has none, and the reason why it may differ."""
 
     value: Value | None
     why: str = ""
 
 
 def compare(measured: Mapping[str, Measured]) -> list[dict[str, str]]:
-    """A row for each of the paper's numbers, in its order; all need an entry, if an empty one."""
+    """A row for each of `bridge.paper.NUMBERS`; `measured` needs an entry for each key."""
     return [
         {
             "section": number.section,
             "quantity": number.quantity,
             "paper": format_value(number.value, number.unit),
-            # Where the paper states no unit, ours carries its own in the text.
+            # Where the paper states no unit, our value is a text with its unit.
             "ours": format_value(measured[number.key].value, number.unit.removesuffix(UNSTATED)),
             "verdict": verdict(number, measured[number.key]),
         }
@@ -58,7 +58,7 @@ def compare(measured: Mapping[str, Measured]) -> list[dict[str, str]]:
 
 
 def verdict(number: PaperNumber, ours: Measured) -> str:
-    """`same` only for equal numbers in a stated unit; a difference always names its reason."""
+    """`same` for equal numbers in a stated unit, else `differs: <reason>`."""
     if number.value is None:
         return "paper does not say"
     if ours.value == number.value and number.unit != UNSTATED:
@@ -68,7 +68,7 @@ def verdict(number: PaperNumber, ours: Measured) -> str:
 
 
 def format_value(value: Value | None, unit: str = "") -> str:
-    """A number for people: thousands set apart, small ones with four significant digits."""
+    """A value with its unit: integers with thousands separators, others with four digits."""
     if value is None:
         return "-"
     if isinstance(value, tuple):
@@ -85,6 +85,7 @@ def _format_one(value: int | float) -> str:
 
 
 def parameter_counts(stages: Stages) -> dict[str, int]:
+    """Number of parameters of the networks that the paper compares."""
     autoencoders = stages["train-ae"].manifest["parameters"]
     return {
         "autoencoder": autoencoders["mesh_autoencoder"],
@@ -94,12 +95,11 @@ def parameter_counts(stages: Stages) -> dict[str, int]:
 
 
 def measure(stages: Stages, gender: str) -> dict[str, Measured]:
-    """Ours for each of `bridge.paper.NUMBERS`; `gender` is that of the run's body model."""
-    parts = (_sizes, _alignment, _autoencoder, _dsnet, _results)
-    found = _data(stages, gender)
-    for part in parts:
-        found |= part(stages)
-    return found
+    """Our value for each of `bridge.paper.NUMBERS`; `gender` is that of the run's body model."""
+    measured = _data(stages, gender)
+    for part in (_sizes, _alignment, _autoencoder, _dsnet, _results):
+        measured |= part(stages)
+    return measured
 
 
 def _data(stages: Stages, gender: str) -> dict[str, Measured]:
@@ -112,7 +112,7 @@ def _data(stages: Stages, gender: str) -> dict[str, Measured]:
     smaller = f"this run's corpus has {len(sequences)} sequences"
     shortest_s, longest_s = round(durations_s[0], 1), round(durations_s[-1], 1)
     usual = tuple(int(q) for q in np.quantile(lengths, [0.1, 0.9]))
-    # The paper counts women's sequences and men's; a run has those of its body model.
+    # The paper counts sequences of both genders; a run has those of its body model's gender.
     other = Measured(None, _ONE_GENDER)
     aligned = Measured(len(sequences), "this run's corpus is smaller")
     predicted = Measured(len(tests), "this run's own held-out set")
@@ -132,10 +132,10 @@ def _data(stages: Stages, gender: str) -> dict[str, Measured]:
 
 
 def mosh_rate(corpus: Artifact | None) -> Measured:
-    """Frames a second that the files of test motions have, where a corpus was made of them."""
+    """Frame rate of the test motions' files in a corpus."""
     if corpus is None:
         return Measured(None, "the files' own rates, each resampled to 60")
-    # Real motions, of `dsnet corpus --amass`, keep their own rate.
+    # Skip real motions (`dsnet corpus --amass`), which keep the rate of their files.
     files = (f for f in corpus.manifest["files"] if f.startswith("mosh/"))
     name = next((f for f in files if not is_real_motion(Path(f).name)), None)
     if name is None:
@@ -166,14 +166,14 @@ def _sizes(stages: Stages) -> dict[str, Measured]:
 def _alignment(stages: Stages) -> dict[str, Measured]:
     config = stages["align"].manifest["config"]
     error = stages["evaluate"].manifest["alignments"]["align"]["frame_error_mm"]["mean"]
-    found = {"align_error_mm": Measured(round(error, 3))}
+    measured = {"align_error_mm": Measured(round(error, 3))}
     for key in ("lr", "momentum", "steps"):
-        found[f"align_{key}"] = (
+        measured[f"align_{key}"] = (
             Measured(config[key], _SET)
             if config["aligner"] == "sgd"
             else Measured(None, f"aligned by `{config['aligner']}`, which has no such setting")
         )
-    return found
+    return measured
 
 
 def _autoencoder(stages: Stages) -> dict[str, Measured]:
@@ -185,7 +185,7 @@ def _autoencoder(stages: Stages) -> dict[str, Measured]:
     frames = f"floor(0.7 n) and the rest of this run's {train + validation:,} meshes"
     standard = "values leave [-1, 1]: see `autoencoder` under departures"
     literal = trained["normalisation"] == "global_maximum"
-    # Linear, convolutional and last linear layers, counted in the file of weights.
+    # Count linear, convolutional and last linear layers in the weights file.
     names = load_weights(stages["train-ae"].file("autoencoder.safetensors"))
     kinds = ("model.encoder.linear", "model.encoder.conv", "model.to_latent")
     kernels = [name for name in names if name.endswith("weight")]
@@ -214,7 +214,7 @@ def _dsnet(stages: Stages) -> dict[str, Measured]:
     config, name = settings_of(manifest), stages["infer"].manifest["default"]
     predictor, made = manifest["predictors"][name], manifest["provenance"]
     weights = load_weights(stages["train"].file(f"{name}.safetensors"))
-    # Read from the file, so that no predictor is known here by its name.
+    # Whether latents are scaled is read from the weights, so that any predictor will do.
     scaled = any(key.startswith("scaling/") for key in weights)
     departs = "; ".join(predictor["departures"]) or _SET
     inputs, latent = weights["fc_enc_1/kernel"].shape[0], weights["fc_enc_3/kernel"].shape[1]
@@ -243,10 +243,10 @@ def _dsnet(stages: Stages) -> dict[str, Measured]:
 def _results(stages: Stages) -> dict[str, Measured]:
     evaluate, name = stages["evaluate"], stages["decode"].manifest["default"]
     evaluated = validation_result(evaluate)
-    error_m = frames_m(evaluate, MESH_ERROR, name, evaluated["name"]) if evaluated else None
+    error_m = per_frame_m(evaluate, MESH_ERROR, name, evaluated["name"]) if evaluated else None
     if evaluated is None or error_m is None:
-        nothing = Measured(None, "no validation sequence in this run")
-        return {"figure8_error": nothing, "dsnet_r2": nothing}
+        missing = Measured(None, "no validation sequence in this run")
+        return {"figure8_error": missing, "dsnet_r2": missing}
     ends_m = float(error_m.min()), float(error_m.max())
     metres, centimetres = (
         " to ".join(f"{scale * end_m:.2g}" for end_m in ends_m) for scale in (1, 100)
@@ -260,7 +260,7 @@ def _results(stages: Stages) -> dict[str, Measured]:
 
 
 def validation_result(evaluate: Artifact) -> dict[str, Any] | None:
-    """The paper's validation sequence, or the run's first, as `evaluate` recorded it."""
-    held_out = [r for r in evaluate.manifest["per_sequence"] if r["split"] == "validation"]
-    papers = [result for result in held_out if result["name"] == VALIDATION_SEQUENCE]
-    return next(iter(papers + held_out), None)
+    """Errors on the paper's validation sequence, or else on the run's first validation sequence."""
+    validation = [r for r in evaluate.manifest["per_sequence"] if r["split"] == "validation"]
+    papers = [result for result in validation if result["name"] == VALIDATION_SEQUENCE]
+    return next(iter(papers + validation), None)

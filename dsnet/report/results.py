@@ -1,4 +1,4 @@
-"""What a report says: `results.json`, every number of a run's manifests."""
+"""Collect the numbers of a run's manifests for the report, as `results.json`."""
 
 from __future__ import annotations
 
@@ -26,24 +26,27 @@ from dsnet.report.paper_table import (
     validation_result,
 )
 
-_MEASURED = ("predictors", "default", "pipelines", "test_bed", "cells", "alignments")
-_FORWARD = ("layers", "loss", "losses")
+_FROM_EVALUATE = ("predictors", "default", "pipelines", "test_bed", "cells", "alignments")
+_FORWARD_PARTS = ("layers", "loss", "losses")
 _PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream": "numpy"}
-_OF_EVERY_STAGE = ("command", "finished_utc", "sha256", "stamps", "input_stamps")
+_NOT_SHOWN = ("command", "finished_utc", "sha256", "stamps", "input_stamps")
+"""Keys of every stage's provenance that the report leaves out."""
 _SHARED = ("truth", ALIGNMENT, ROBUST_ALIGNMENT)
-"""By runs that learn the same from other seeds."""
-_OF_EVERY_SEED = ("train", "infer", "decode", TRAIN_PLUS, INFER_PLUS, "evaluate")
-_SPREAD = (("offsets", "r2"), ("mesh", "r2"), ("mesh", "mean_mm"))
-_SHOWN_OF_STAGES = ("wall_time_s", "peak_memory_mb", "machine", "versions")
+"""Stages that runs of several seeds have in common."""
+_PER_SEED = ("train", "infer", "decode", TRAIN_PLUS, INFER_PLUS, "evaluate")
+"""Stages that each seed runs again."""
+_SCORES = (("offsets", "r2"), ("mesh", "r2"), ("mesh", "mean_mm"))
+"""Measures and scores whose mean and spread over seeds are reported."""
+_PROVENANCE = ("wall_time_s", "peak_memory_mb", "machine", "versions")
 
 
 def summarise(
     stages: Stages, run_name: str, gender: str, others: Mapping[int, Artifact]
 ) -> dict[str, Any]:
-    """The contents of `results.json`; lengths in millimetres where the key says so.
+    """The contents of `results.json`; lengths are millimetres where the key says so.
 
-    What belongs to the paper's pipeline is None in a run without it. `gender` is that of the run's
-    body model; `others` are `evaluate` of trainings from other seeds, by seed.
+    Entries of the paper's pipeline are None in a run without it. `gender` is that of the run's body
+    model; `others` are the `evaluate` artifacts of trainings from other seeds, by seed.
     """
     evaluate = stages["evaluate"].manifest
     validation = validation_result(stages["evaluate"])
@@ -53,27 +56,27 @@ def summarise(
     summary = {
         "run": run_name,
         "data": stages["evaluate"].origin,
-        **{key: evaluate[key] for key in _MEASURED},
+        **{key: evaluate[key] for key in _FROM_EVALUATE},
         "seeds": _of_seeds(stages, others) if others else None,
         "table_1": _table_1(stages),
         "cell_titles": {key: text for key, text in titles.items() if key in evaluate["cells"]},
         "sequences": evaluate["per_sequence"],
-        **_papers_pipeline(stages, gender),
+        **_paper_pipeline(stages, gender),
         "verification": verification(stages),
         "stages": {name: _stage(artifact.manifest) for name, artifact in stages.items()},
         "seeds_took_s": {str(seed): _took_s(other) for seed, other in others.items()},
     }
-    # JSON has no NaN: a number that is not one becomes null.
+    # JSON has no NaN or infinity: both become null.
     return json.loads(json.dumps(summary), parse_constant=lambda _: None)
 
 
-def _papers_pipeline(stages: Stages, gender: str) -> dict[str, Any]:
-    """Networks of the paper's pipeline and its numbers beside ours."""
+def _paper_pipeline(stages: Stages, gender: str) -> dict[str, Any]:
+    """The networks of the paper's pipeline, and the paper's numbers compared with ours."""
     if "decode" not in stages:
         return dict.fromkeys(("parameters", "autoencoder", "paper"))
     train_ae = stages["train-ae"].manifest
     trained = train_ae["autoencoder"]
-    # Share of the initial squared error on validation frames that training took away.
+    # The fraction of the initial squared error on validation frames that training removed.
     fall = 1.0 - (1.0 - trained["r2_validation"]) / (1.0 - trained["r2_initial"])
     return {
         "parameters": parameter_counts(stages),
@@ -87,7 +90,7 @@ def _papers_pipeline(stages: Stages, gender: str) -> dict[str, Any]:
 
 
 def _table_1(stages: Stages) -> list[dict[str, Any]]:
-    """The paper's Table 1 of this run: what was aligned, and what was only predicted."""
+    """The paper's Table 1 for this run: the aligned sequences and the test sequences."""
     evaluate = stages["evaluate"]
     first = next(iter(evaluate.manifest["pipelines"].values()))
     aligned = sequences_of(stages[first["alignment"]])
@@ -111,24 +114,25 @@ def _table_1(stages: Stages) -> list[dict[str, Any]]:
 
 
 def departures(stages: Stages) -> list[str]:
-    """Where the run leaves the paper's words, in its stages' own."""
-    found: list[str] = []
+    """Where the run departs from the paper, as its training stages recorded it."""
+    texts: list[str] = []
     if "train-ae" in stages:
         trained = stages["train-ae"].manifest["autoencoder"]
-        found += [f"autoencoder: {text}" for text in trained.get("departures", ())]
+        texts += [f"autoencoder: {text}" for text in trained.get("departures", ())]
     for stage in ("train", TRAIN_PLUS):
         if stage in stages:
             for name, one in stages[stage].manifest["predictors"].items():
-                found += [f"`{name}`: {text}" for text in one["departures"]]
-    return found
+                texts += [f"`{name}`: {text}" for text in one["departures"]]
+    return texts
 
 
 def read_parity(verify: Artifact) -> dict[str, Any]:
+    """The contents of `parity.json`, see `dsnet.verify.stage_verify.parity`."""
     return json.loads(verify.file("parity.json").read_text(encoding="utf-8"))
 
 
 def verification(stages: Stages) -> dict[str, Any] | None:
-    """Rows, those that hold, and the largest differences of each engine and precision."""
+    """Number of rows of `dsnet verify`, how many passed, and the largest differences by engine."""
     if "verify" not in stages:
         return None
     parity = read_parity(stages["verify"])
@@ -136,9 +140,13 @@ def verification(stages: Stages) -> dict[str, Any] | None:
     differentiated = {row["engine"] for row in rows if row["part"] == "gradients"}
 
     def largest(engine: str, dtype: str, forward: bool) -> float | None:
-        own = (row for row in rows if (row["engine"], row["dtype"]) == (engine, dtype))
-        found = [row["max_rel"] for row in own if (row["part"] in _FORWARD) == forward]
-        return max((one for one in found if one is not None), default=None)
+        differences = [
+            row["max_rel"]
+            for row in rows
+            if (row["engine"], row["dtype"]) == (engine, dtype)
+            and (row["part"] in _FORWARD_PARTS) == forward
+        ]
+        return max((one for one in differences if one is not None), default=None)
 
     return {
         "forward_only": [engine for engine in engines if engine not in differentiated],
@@ -160,9 +168,9 @@ def verification(stages: Stages) -> dict[str, Any] | None:
 
 def _stage(manifest: dict[str, Any]) -> dict[str, Any]:
     provenance = manifest["provenance"]
-    apart = (*_OF_EVERY_STAGE, *_SHOWN_OF_STAGES)
+    apart = (*_NOT_SHOWN, *_PROVENANCE)
     return {
-        **{key: provenance[key] for key in _SHOWN_OF_STAGES},
+        **{key: provenance[key] for key in _PROVENANCE},
         "seed": settings_of(manifest).get("seed"),
         "config": manifest["config"],
         "measured": {key: value for key, value in provenance.items() if key not in apart},
@@ -170,22 +178,24 @@ def _stage(manifest: dict[str, Any]) -> dict[str, Any]:
 
 
 def of_other_seeds(run: Run, evaluate: Artifact) -> dict[int, Artifact]:
-    """`evaluate` of the runs `<run>-seed<N>` beside a run, by seed; who left the run's alignment is
-    left out."""
-    found: dict[int, Artifact] = {}
+    """The `evaluate` artifacts of the runs `<run>-seed<N>`, by seed.
+
+    A run with another truth or alignment than `run` is left out, with a note.
+    """
+    artifacts: dict[int, Artifact] = {}
     for path in run.path.parent.iterdir():
         named = re.fullmatch(re.escape(run.name) + r"-seed([0-9]+)", path.name)
         if named and Run(path.name).finished("evaluate"):
             other = read_artifact(path / "evaluate")
             upstreams = [one.manifest["upstream"] for one in (evaluate, other)]
-            ours, its = ([upstream.get(name) for name in _SHARED] for upstream in upstreams)
-            if ours == its:
-                found[int(named[1])] = other
+            expected, shared = ([upstream.get(name) for name in _SHARED] for upstream in upstreams)
+            if shared == expected:
+                artifacts[int(named[1])] = other
             else:
                 notify(
                     f"left out: run {path.name!r}, which is of another alignment than {run.name!r}"
                 )
-    return dict(sorted(found.items()))
+    return dict(sorted(artifacts.items()))
 
 
 def _of_seeds(stages: Stages, others: Mapping[int, Artifact]) -> dict[str, Any]:
@@ -199,22 +209,30 @@ def _of_seeds(stages: Stages, others: Mapping[int, Artifact]) -> dict[str, Any]:
 
 
 def _took_s(evaluate: Artifact) -> float:
-    """Seconds of the stages that train and judge the predictors of a run."""
+    """Seconds of the stages that train and evaluate the predictors of a run."""
     run = Run(evaluate.path.parent.name)
-    made = [run.artifact(stage) for stage in _OF_EVERY_SEED if run.finished(stage)]
+    made = [run.artifact(stage) for stage in _PER_SEED if run.finished(stage)]
     return sum(one.manifest["provenance"]["wall_time_s"] for one in made)
 
 
 def spread_over(
     cells: Iterable[Mapping[str, Any]], predictors: Iterable[str]
 ) -> dict[str, dict[str, dict[str, dict[str, dict[str, float]]]]]:
-    """Mean and standard deviation (of a sample) over seeds of what each of these `cells`, by seed,
-    measured: by test group, predictor, reference and number, as in each of them."""
-    every = list(cells)
+    """Mean and sample standard deviation over seeds of the predictors' scores.
+
+    Parameters
+    ----------
+    cells : errors of each seed by test group, predictor, quantity and score, as in `evaluate`.
+
+    Returns
+    -------
+    The same nesting, with `{"mean": ..., "sd": ...}` in place of each score that all seeds have.
+    """
+    seeds = list(cells)
     spread: dict[str, Any] = {}
-    for cell, name, (reference, number) in product(every[0], predictors, _SPREAD):
-        found = [one.get(cell, {}).get(name, {}).get(reference, {}).get(number) for one in every]
-        if None not in found:
-            own = spread.setdefault(cell, {}).setdefault(name, {}).setdefault(reference, {})
-            own[number] = {"mean": float(np.mean(found)), "sd": float(np.std(found, ddof=1))}
+    for group, name, (quantity, score) in product(seeds[0], predictors, _SCORES):
+        values = [one.get(group, {}).get(name, {}).get(quantity, {}).get(score) for one in seeds]
+        if None not in values:
+            scores = spread.setdefault(group, {}).setdefault(name, {}).setdefault(quantity, {})
+            scores[score] = {"mean": float(np.mean(values)), "sd": float(np.std(values, ddof=1))}
     return spread

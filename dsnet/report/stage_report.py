@@ -1,4 +1,4 @@
-"""`dsnet report`: figures, tables and pages from what the other stages left on disk."""
+"""`dsnet report`: figures, tables and pages from the artifacts of the other stages."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ from dsnet.report.paper_table import validation_result
 from dsnet.report.results import departures, of_other_seeds, summarise
 from dsnet.report.update import update_stages
 
-_BESIDE = {"decode": ("train-ae", "encode", "train"), INFER_PLUS: (TRAIN_PLUS,)}
+_TRAINING_OF = {"decode": ("train-ae", "encode", "train"), INFER_PLUS: (TRAIN_PLUS,)}
 _OPTIONAL = ("corpus", "truth", "verify")
-# As they are made: the page lists what each one took.
+# In the order in which they run: the page lists the time of each.
 _ORDER = ("corpus", "truth", "align", "align_robust", "train-ae", "encode", "train", INFER,
           "decode", TRAIN_PLUS, INFER_PLUS, "evaluate", "verify")  # fmt: skip
 
@@ -86,11 +86,11 @@ def main(config: ReportConfig) -> None:
     parity_is_old = "verify" in named and not _is_current(run, "verify")
     if parity_is_old:
         named.remove("verify")
-    named.update(*(beside for stage, beside in _BESIDE.items() if stage in last))
+    named.update(*(training for stage, training in _TRAINING_OF.items() if stage in last))
     stages = run.artifacts(*(stage for stage in _ORDER if stage in named))
     _require_measured(run, stages, last)
     if parity_is_old:
-        notify("left out: the table of parity, as `dsnet verify` was run before what it compared")
+        notify("left out: the table of parity; run `dsnet verify` again, its inputs have changed")
     body = load_paper_body(str(body_model_path(run)))
     scene = Scene(stages, body, config.panel_px)
     others = of_other_seeds(run, stages["evaluate"])
@@ -104,7 +104,7 @@ def main(config: ReportConfig) -> None:
 
 
 def _is_current(run: Run, stage: str) -> bool:
-    """Whether a stage that nothing else reads was made of what the run holds now."""
+    """Whether a stage was made from the artifacts that the run has now."""
     try:
         run.artifacts(stage)
     except DsnetError:
@@ -115,7 +115,7 @@ def _is_current(run: Run, stage: str) -> bool:
 def _require_measured(run: Run, stages: Mapping[str, Artifact], last: Sequence[str]) -> None:
     evaluate = stages["evaluate"]
     measured = evaluate.manifest["upstream"]
-    run.artifacts(*measured)  # what was deleted since is named
+    run.artifacts(*measured)  # raises an error that names what was deleted since
     of_truth = {"truth"} & set(stages) if evaluate.origin == "synthetic" else set()
     if missed := sorted({*last, *of_truth} - set(measured)):
         raise DsnetError(
@@ -143,56 +143,56 @@ def _make(
 
 
 class Figure(NamedTuple):
-    """A figure of the report; its caption stands in the page's template."""
+    """A figure of the report; its caption is in the page's template."""
 
     name: str
-    """Its file's below `figures/`, without extension; the paper's begin with `figure`."""
+    """File name below `figures/`, without extension; names of the paper's begin with `figure`."""
     function: Callable[..., None]
-    given: Sequence[Any]
-    """To the function, after the file's path; what it shows comes last."""
+    arguments: Sequence[Any]
+    """Arguments of the function after the path; the last one is what the figure shows."""
 
     def draw(self, path: Path) -> None:
-        self.function(path, *self.given)
+        self.function(path, *self.arguments)
 
     @property
     def of(self) -> str:
-        """The sequence that it shows, if it is one."""
-        shown = self.given[-1]
+        """Name of the sequence that the figure shows, empty if it shows something else."""
+        shown = self.arguments[-1]
         named = shown.get("name") if isinstance(shown, dict) else getattr(shown, "name", "")
         return str(named or "")
 
 
 def plan_figures(scene: Scene) -> list[Figure]:
-    """The figures that this run's data allow: the paper's by number, then what else it shows."""
+    """The figures that the run has data for: the paper's by number, then the others."""
     stages, evaluate = scene.stages, scene.stages["evaluate"]
-    held_out, papers = validation_result(evaluate), "decode" in stages
-    clip = scene.predicted()[held_out["name"]] if held_out else None
-    train_ae, train = (stages[name] if papers else None for name in ("train-ae", "train"))
+    validation, has_dsnet = validation_result(evaluate), "decode" in stages
+    clip = scene.predicted()[validation["name"]] if validation else None
+    train_ae, train = (stages[name] if has_dsnet else None for name in ("train-ae", "train"))
     plus = stages.get(TRAIN_PLUS)
-    # What is solved for in one go has no losses.
+    # A predictor that is solved in closed form has no losses.
     has_losses = plus and any(name.startswith("loss_") for name in plus.manifest["arrays"])
-    # Nothing moves without test sequences whose true offsets are known.
+    # None without test sequences whose true offsets are known.
     lively = liveliest_sequence(evaluate)
     of_dsnet = "Loss of DSNet (Section 4.3)", "epoch", "loss of a sequence"
     of_plus = "Loss of this repository's predictors", "step", "loss"
-    planned: list[tuple[Any, ...]] = [  # name, what draws it, of what
+    planned: list[tuple[Any, ...]] = [  # name, function, arguments; falsy last ones are left out
         ("figure1_strip", draw_figure1, scene, _unseen(scene)),
         ("figure2_alignment", draw_figure2, scene, clip),
         ("figure3_autoencoder", draw_figure3, train_ae),
-        ("figure4_autoencoder", draw_figure4, scene, papers and clip),
+        ("figure4_autoencoder", draw_figure4, scene, has_dsnet and clip),
         ("figure5_dsnet", draw_figure5, train),
         ("figure6_lengths", draw_figure6, scene.pipelines[0].align.artifact),
         ("figure7_validation", draw_figure7, scene, clip),
-        ("figure8_error", draw_figure8, evaluate, held_out),
-        ("figure9_people", draw_figure9, scene, papers and _people_of_figure9(scene)),
-        ("figure10_spine2", _draw_figure10, scene, _turning(scene)),
+        ("figure8_error", draw_figure8, evaluate, validation),
+        ("figure9_people", draw_figure9, scene, has_dsnet and _subjects_of_figure9(scene)),
+        ("figure10_spine2", _draw_figure10, scene, _sequence_of_figure10(scene)),
         ("over_time", draw_offset_size, evaluate, lively),
         ("spectrum", draw_spectrum, lively and evaluate),
         ("loss_autoencoder", draw_autoencoder_loss, train_ae),
         ("loss_dsnet", draw_predictor_losses, *of_dsnet, train),
         ("loss_plus", draw_predictor_losses, *of_plus, has_losses and plus),
     ]
-    return [Figure(name, draw, given) for name, draw, *given in planned if given[-1]]
+    return [Figure(name, draw, arguments) for name, draw, *arguments in planned if arguments[-1]]
 
 
 def _unseen(scene: Scene) -> MotionSequence | None:
@@ -207,25 +207,28 @@ def _unseen(scene: Scene) -> MotionSequence | None:
     return hardest and predicted[hardest["name"]]
 
 
-def _people_of_figure9(scene: Scene) -> dict[str, tuple[MotionSequence | None, ...]]:
-    """By motion, a known person's sequence and a new one's; of the paper's motions if it can."""
+def _subjects_of_figure9(scene: Scene) -> dict[str, tuple[MotionSequence | None, ...]]:
+    """By motion, a sequence of a training subject and one of a test subject.
+
+    The motions are the paper's, or the run's first if it has none of those.
+    """
     predicted = scene.predicted()
-    found: dict[str, dict[str, MotionSequence]] = {}
+    by_motion: dict[str, dict[str, MotionSequence]] = {}
     for one in scene.stages["evaluate"].manifest["per_sequence"]:
         if one["split"] != "train" and one["name"] in predicted:
             sequence = predicted[one["name"]]
-            found.setdefault(kind_of(sequence.motion), {}).setdefault(one["person"], sequence)
-    kinds = [kind for kind in FIGURE9_MOTIONS if kind in found] or list(found)
+            by_motion.setdefault(kind_of(sequence.motion), {}).setdefault(one["person"], sequence)
+    kinds = [kind for kind in FIGURE9_MOTIONS if kind in by_motion] or list(by_motion)
     return {
-        kind.replace("_", " "): (found[kind].get("known"), found[kind].get("new"))
+        kind.replace("_", " "): (by_motion[kind].get("known"), by_motion[kind].get("new"))
         for kind in kinds[: len(FIGURE9_MOTIONS)]
     }
 
 
-def _turning(scene: Scene) -> MotionSequence | None:
-    """The paper's sequence of Figure 10, or another of that motion."""
+def _sequence_of_figure10(scene: Scene) -> MotionSequence | None:
+    """The paper's sequence of Figure 10, or another one of the same motion."""
     motion = ABSORBING_SEQUENCE.partition("_")[2]
-    aligned = scene.pipelines[0].align.places
+    aligned = scene.pipelines[0].align.sequences
     of_motion = {name: one for name, one in aligned.items() if one.motion == motion}
     return of_motion.get(ABSORBING_SEQUENCE, next(iter(of_motion.values()), None))
 
@@ -239,8 +242,8 @@ def _draw_figure10(path: Path, scene: Scene, sequence: MotionSequence) -> None:
         motions = {TRUE_POSE: MotionArrays.of(scene.stages["truth"])} | motions
     joint = SMPL_JOINT_NAMES.index(ABSORBING_JOINT)
     turns = {
-        label: unpack_theta(own.frames("theta", sequence.name, slice(None)))[0][:, joint]
-        for label, own in motions.items()
+        label: unpack_theta(arrays.frames("theta", sequence.name, slice(None)))[0][:, joint]
+        for label, arrays in motions.items()
     }
     title = f"Figure 10: rotation vector of {ABSORBING_JOINT}, {sequence.name}"
     draw_figure10(path, turns, fps=sequence.fps, title=title, origin=scene.origin)

@@ -1,1 +1,1 @@
-"""The float64 reference, and the comparison of the engines."""
+"""Verification: every engine is compared with a float64 reference."""

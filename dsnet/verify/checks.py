@@ -1,7 +1,4 @@
-"""What is verified: a table of checks on random weights, and on what a run has trained.
-
-Random inputs stand at the edge of what may come; a stage that a run does not have has no checks.
-"""
+"""The checks of `dsnet verify`: on random weights with extreme inputs, and on a run's weights."""
 
 from __future__ import annotations
 
@@ -41,7 +38,7 @@ Options = Mapping[str, Any]
 
 
 def random_checks(seed: int, body: str) -> list[Check]:
-    """Everything that needs no run: random weights in small, and the extremes."""
+    """Checks that need no run: small networks of random weights, usual and extreme inputs."""
     small = [*_dsnet(seed), *_autoencoder(seed), *_smpl(seed, body), *_oscillators(seed)]
     data = load_body_model(body)
     options = _architecture((data.vertex_count, *SMALL_WIDTHS[1:]))
@@ -51,7 +48,7 @@ def random_checks(seed: int, body: str) -> list[Check]:
         **_normaliser(data.vertex_count),
     }
     plus, stream = draws.tissue(seed, data), draws.stream(seed, 8, 2)
-    stream["betas"][1] = plus["people_betas"][0]  # the second of the two is known
+    stream["betas"][1] = plus["people_betas"][0]  # the second character is a training subject
     return [
         *small,
         Check("dsnet-graph", "dsnet_graph", ONNX, dsnet, stream, {"body": body, **options}),
@@ -60,7 +57,7 @@ def random_checks(seed: int, body: str) -> list[Check]:
 
 
 def full_size_checks(seed: int) -> list[Check]:
-    """The autoencoder's 33,626,606 parameters: every layer and every gradient, two meshes."""
+    """Checks of the autoencoder at its 33,626,606 parameters, on two meshes."""
     weights = draws.autoencoder_weights(seed, INFERRED_WIDTHS)
     values = draws.values(seed, 2, INFERRED_WIDTHS[0])
     options = _architecture(INFERRED_WIDTHS)
@@ -84,7 +81,7 @@ def _dsnet(seed: int) -> list[Check]:
         "zeros": {"motion": np.zeros((2, 20, INPUT_SIZE), np.float32)},
         "large": draws.motion(seed, 2, 20, size=5.0),
     }
-    # Streams refuse a limb turned by more than two whole turns.
+    # Streams reject a joint rotated by more than two full turns.
     streamed = extremes | {"large": draws.motion(seed, 2, 20, size=2.5)}
     streams = {"stream": motion} | {f"stream-{name}": one for name, one in streamed.items()}
     return [
@@ -92,7 +89,7 @@ def _dsnet(seed: int) -> list[Check]:
         forward("frame-by-frame", motion, "steps"),
         forward("singles", motion, "singles"),
         *(forward(name, inputs) for name, inputs in extremes.items()),
-        # tanh of +-500: what float32 loses there is in the argument, before any engine's tanh.
+        # tanh of +-500. In float32 the argument itself is too inexact, before any engine's tanh.
         replace(forward("saturating", draws.motion(seed, 2, 20, size=50.0)), engines=IN_FLOAT64),
         *(Check(f"dsnet-{n}", "dsnet_stream", STREAM, weights, m) for n, m in streams.items()),
         _dsnet_train("dsnet-training", weights, clips, (1, 10)),
@@ -114,13 +111,13 @@ def _autoencoder(seed: int) -> list[Check]:
         forward("large", draws.values(seed, 3, vertices, size=1e3)),
         _ae_train("ae-training", weights, values, options, (1, 10)),
         _ae_decode("ae-decoder", weights, options),
-        *_of_other_widths("one-convolution", seed, SMALL_WIDTHS[:2]),
-        *_of_other_widths("two-convolutions", seed, SMALL_WIDTHS[:3]),
-        *_of_other_widths("widening", seed, SMALL_WIDTHS[::-1]),
+        *_other_widths("one-convolution", seed, SMALL_WIDTHS[:2]),
+        *_other_widths("two-convolutions", seed, SMALL_WIDTHS[:3]),
+        *_other_widths("widening", seed, SMALL_WIDTHS[::-1]),
     ]
 
 
-def _of_other_widths(name: str, seed: int, widths: tuple[int, ...]) -> list[Check]:
+def _other_widths(name: str, seed: int, widths: tuple[int, ...]) -> list[Check]:
     weights, options = draws.autoencoder_weights(seed, widths), _architecture(widths)
     values = draws.values(seed, 3, widths[0])
     return [
@@ -137,7 +134,7 @@ def _smpl(seed: int, body: str) -> list[Check]:
         "half-turns": draws.poses(seed, 2, 24, np.pi),
         "large": draws.poses(seed, 2, 22, 11.0),
     }
-    # Bones turned far against each other collapse vertices between them: no inverse is defined.
+    # Large rotations collapse skinned vertices between two bones, so skinning has no inverse there.
     collapsing = ("half-turns", "large")
     return [
         Check(
@@ -153,7 +150,7 @@ def _smpl(seed: int, body: str) -> list[Check]:
 
 
 def _oscillators(seed: int) -> list[Check]:
-    """How `dsnet_plus` is trained; steps of Adam in float64 alone, as those of trained weights."""
+    """Checks of the training of `dsnet_plus`; steps of Adam only in float64."""
     first = Check(
         "oscillators",
         "oscillators_train",
@@ -170,8 +167,10 @@ def _oscillators(seed: int) -> list[Check]:
 
 
 def trained_checks(run: Run) -> list[Check]:
-    """Of the paper's networks and of the autoencoder that the run has trained, and of their graphs;
-    other networks have no second implementation to be held against."""
+    """Checks of the run's trained networks that the reference implements, and of their graphs.
+
+    Stages that the run has not finished have no checks.
+    """
     train, train_ae, train_plus = (
         run.artifact(stage) if run.finished(stage) else None
         for stage in ("train", "train-ae", "train_plus")
@@ -192,7 +191,7 @@ def trained_checks(run: Run) -> list[Check]:
             graphs.append(("dsnet-graph-trained", "dsnet_graph", both, options))
     if graphs:
         stream, body = _stream(run.artifact("align")), {"body": str(body_model_path(run))}
-        checks += [Check(n, op, ONNX, w, stream, {**body, **own}) for n, op, w, own in graphs]
+        checks += [Check(n, op, ONNX, w, stream, {**body, **more}) for n, op, w, more in graphs]
     return checks
 
 
@@ -208,8 +207,8 @@ def _trained_dsnet(trained: TrainedDsnet, encoded: Artifact) -> list[Check]:
         _dsnet_forward(f"{key}-frame-by-frame", weights, {"motion": inputs}, "steps"),
         Check(f"{key}-stream", "dsnet_stream", STREAM, trained.arrays(), motion),
         _dsnet_train(f"{key}-gradients", weights, clips, ()),
-        # Adam's first step is hardly more than a gradient's sign, which float32 does not know of
-        # the gradients near zero that trained weights have.
+        # Adam's first step is little more than the sign of the gradient. Gradients of trained
+        # weights are near zero, and float32 cannot determine their sign.
         replace(_dsnet_train(f"{key}-training", weights, clips, (1,)), engines=IN_FLOAT64),
     ]
 
@@ -219,15 +218,15 @@ def _trained_autoencoder(weights: Tensors, options: Options, frames: NDArray) ->
     offsets_m = np.asarray(frames[rows], dtype=np.float32)
     mean_m, scale_m = (weights[name] for name in NORMALISER)
     bare = {name: array for name, array in weights.items() if name not in NORMALISER}
-    learned = {
+    inputs = {
         "values": ((offsets_m - mean_m) / scale_m).astype(np.float32),
-        # Training begins with the least-squares solution and ends near another: there each
-        # gradient is the difference of equal sums, of which any engine keeps the rounding.
+        # Random targets: near the minimum of the true loss, gradients are differences of nearly
+        # equal sums, so that only rounding errors would be compared.
         "target": np.random.default_rng(0).normal(size=offsets_m.shape).astype(np.float32),
     }
-    # A gradient jumps at the kinks of LeakyReLU, and of the trained network's hundred thousands of
-    # units some stand nearer to one than float32 can tell.
-    gradients = _ae_train("ae-trained-gradients", bare, learned, options, ())
+    # Gradients only in float64: they jump at the kink of LeakyReLU, and among the hundreds of
+    # thousands of units some are closer to it than float32 can resolve.
+    gradients = _ae_train("ae-trained-gradients", bare, inputs, options, ())
     return [
         _ae_forward("ae-trained", weights, {"values": offsets_m}, options),
         replace(gradients, engines=IN_FLOAT64),
@@ -235,7 +234,7 @@ def _trained_autoencoder(weights: Tensors, options: Options, frames: NDArray) ->
 
 
 def _stream(align: Artifact) -> Tensors:
-    """Two characters, eight frames from two places of the corpus."""
+    """Eight frames each of two characters, from two places in the corpus."""
     theta, betas = align.array("theta"), align.array("betas")
     starts = (len(theta) // 4, len(theta) // 2)
     poses = [np.asarray(theta[start : start + GRAPH_FRAMES], np.float32) for start in starts]

@@ -1,7 +1,7 @@
-"""Runs the engines on checks and compares each tensor with the reference's: the rows of the table.
+"""Run the engines on checks and compare each tensor with the reference's.
 
-Every tolerance is relative to the largest number of the reference's tensor: rounding errors are
-made by the large terms of a sum and carried to the small results beside them.
+Tolerances are relative to the largest number of the reference's tensor, because rounding errors of
+the large terms in a sum also affect its small results.
 """
 
 from __future__ import annotations
@@ -18,10 +18,17 @@ from numpy.typing import NDArray
 
 from bridge.exchange.engine import DTypeName, Tensors, load_tensors
 from bridge.runs.workers import progress
-from dsnet.verify.engines import REFERENCE, Answer, Ask, Check, ask, write_requests
+from dsnet.verify.engines import (
+    REFERENCE,
+    Check,
+    EngineResult,
+    RunEngine,
+    run_engine,
+    write_requests,
+)
 
 TOLERANCES = {"FLOAT64": 1e-10, "FLOAT32_FORWARD": 1e-5, "FLOAT32_GRADIENT": 1e-4}
-"""How far two engines may differ, relative to the tensor's scale; docs/verification.md says why."""
+"""Largest differences relative to the tensor's scale; docs/verification.md says why."""
 CAUSES = {
     "layers": "layer {layer}",
     "loss": "the loss",
@@ -31,7 +38,7 @@ CAUSES = {
     "weights": "Adam's update (its moments agree), first of {parameter}",
     "losses": "the losses of later steps",
 }
-"""By kind of part, in the order in which a mistake shows."""
+"""Sentences by kind of part, in the order in which a mistake becomes visible."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +56,9 @@ class Row:
     max_rel: float
     """Largest difference relative to the scale of its own tensor."""
     tensor: str
-    """Where `max_rel` is."""
+    """The tensor that has `max_rel`."""
     index: tuple[int, ...]
-    """Its place in that tensor."""
+    """Where in that tensor it is."""
     tolerance: float
     passed: bool
     first: str = ""
@@ -63,16 +70,16 @@ class Row:
 def verify(
     checks: Sequence[Check],
     folder: Path,
-    run_engine: Ask = ask,
-) -> tuple[list[Row], dict[str, Answer]]:
-    """All rows of some checks, and what the engines said.
+    run: RunEngine = run_engine,
+) -> tuple[list[Row], dict[str, EngineResult]]:
+    """Run some checks on their engines; gives all rows, and the result of each engine.
 
-    `folder` is empty and takes requests and answers.
+    `folder`, which must be empty, receives requests and results.
     """
     engines = dict.fromkeys([REFERENCE, *(name for check in checks for name in check.engines)])
     write_requests(folder / "request", dict.fromkeys(engines, checks))
-    answers = {
-        engine: run_engine(engine, folder / "request", folder / engine)
+    results = {
+        engine: run(engine, folder / "request", folder / engine)
         for engine in progress(list(engines), what="engines", unit="engine")
     }
     rows = [
@@ -80,36 +87,36 @@ def verify(
         for check in checks
         for engine, dtypes in check.engines.items()
         for dtype in dtypes
-        for row in _rows_of(check, engine, dtype, answers)
+        for row in _rows_of(check, engine, dtype, results)
     ]
-    return rows, answers
+    return rows, results
 
 
 def _rows_of(
-    check: Check, engine: str, dtype: DTypeName, answers: Mapping[str, Answer]
+    check: Check, engine: str, dtype: DTypeName, results: Mapping[str, EngineResult]
 ) -> Iterator[Row]:
-    asked: list[tuple[str, DTypeName]] = [(engine, dtype), (REFERENCE, "float64")]
-    for name, precision in asked:
-        if problem := answers[name].why_missing(check, precision):
-            nothing = (np.inf, np.inf, "", (), 0.0, False, "", problem)
-            yield Row(check.name, "all", name, precision, *nothing)
+    sides: list[tuple[str, DTypeName]] = [(engine, dtype), (REFERENCE, "float64")]
+    for name, precision in sides:
+        if problem := results[name].why_missing(check, precision):
+            failed = (np.inf, np.inf, "", (), 0.0, False, "", problem)
+            yield Row(check.name, "all", name, precision, *failed)
             return
-    found = load_tensors(answers[engine].path(check, dtype))
-    expected = load_tensors(answers[REFERENCE].path(check, "float64"))
-    yield from compare(check, engine, dtype, expected, found)
+    actual = load_tensors(results[engine].path(check, dtype))
+    expected = load_tensors(results[REFERENCE].path(check, "float64"))
+    yield from compare(check, engine, dtype, expected, actual)
 
 
 def compare(
-    check: Check, engine: str, dtype: DTypeName, expected: Tensors, found: Tensors
+    check: Check, engine: str, dtype: DTypeName, expected: Tensors, actual: Tensors
 ) -> Iterator[Row]:
-    """Rows for all tensors of one case; `expected` has those first that are computed first."""
+    """Rows for all tensors of one case; `expected` is in the order of computation."""
     parts: dict[str, list[str]] = {}
     for name in expected:
         if name not in check.leave_out:
             parts.setdefault(part_of(name), []).append(name)
     for part, names in parts.items():
         limit = tolerance_of(part, dtype)
-        differences = {n: _difference(expected[n], found.get(n), dtype) for n in names}
+        differences = {n: _difference(expected[n], actual.get(n), dtype) for n in names}
         worst = max(differences, key=lambda name: differences[name].max_rel)
         max_abs = max(difference.max_abs for difference in differences.values())
         _, max_rel, index, _ = differences[worst]
@@ -126,24 +133,24 @@ class _Difference(NamedTuple):
 
 
 def _difference(
-    expected: NDArray[Any], found: NDArray[Any] | None, dtype: DTypeName
+    expected: NDArray[Any], actual: NDArray[Any] | None, dtype: DTypeName
 ) -> _Difference:
-    if found is None:
+    if actual is None:
         return _Difference(np.inf, np.inf, (), "no such tensor")
-    if (expected.shape, dtype) != (found.shape, found.dtype):
-        problem = f"{found.dtype} {found.shape} for {dtype} {expected.shape}"
+    if (expected.shape, dtype) != (actual.shape, actual.dtype):
+        problem = f"{actual.dtype} {actual.shape} for {dtype} {expected.shape}"
         return _Difference(np.inf, np.inf, (), problem)
-    apart = np.abs(found.astype(np.float64) - expected)
-    # A NaN is as far away as can be, and may not hide behind a comparison that is false.
-    apart[~np.isfinite(apart)] = np.inf
-    place = np.unravel_index(np.argmax(apart), apart.shape)
-    largest, scale = float(apart[place]), float(np.abs(expected).max())
-    index = tuple(int(k) for k in place)
+    difference = np.abs(actual.astype(np.float64) - expected)
+    # Treat NaN as infinitely far off: comparisons with NaN are false and would hide it.
+    difference[~np.isfinite(difference)] = np.inf
+    index = tuple(int(k) for k in np.unravel_index(np.argmax(difference), difference.shape))
+    largest, scale = float(difference[index]), float(np.abs(expected).max())
     relative = largest / scale if scale and np.isfinite(largest) else np.inf if largest else 0.0
     return _Difference(largest, relative, index)
 
 
 def part_of(tensor: str) -> str:
+    """The part (see `Row.part`) that a tensor belongs to, from its name."""
     if step := re.fullmatch(r"step_(\d+)/(weight|adam_m|adam_v)/(.*)", tensor):
         count, state, name = step.groups()
         if state == "weight":
@@ -154,6 +161,7 @@ def part_of(tensor: str) -> str:
 
 
 def tolerance_of(part: str, dtype: DTypeName) -> float:
+    """The tolerance of a part, relative to the tensor's scale."""
     if dtype == "float64":
         return TOLERANCES["FLOAT64"]
     forward = part in ("layers", "loss", "losses")
@@ -161,27 +169,28 @@ def tolerance_of(part: str, dtype: DTypeName) -> float:
 
 
 def diagnose(rows: Iterable[Row]) -> dict[str, list[str]]:
-    """What is wrong, as a sentence by engine, and the checks that say so.
+    """The likely causes of failed rows as sentences, with the checks that show each.
 
-    Of each check only the first part that failed counts, for all that comes after it must fail;
-    and a loss only if no check of that engine has found a layer.
+    Only the first part of a check that failed is reported, as all later ones depend on it. A loss
+    is reported only if no layer of that engine differs.
     """
-    found: dict[str, list[str]] = {}
+    causes: dict[str, list[str]] = {}
     failed = [row for row in rows if not row.passed]
     for (check, engine, dtype), group in groupby(failed, lambda r: (r.check, r.engine, r.dtype)):
-        first = min(group, key=_place)
-        found.setdefault(f"{engine}: {_cause(first)}", []).append(f"{check} {dtype}")
-    explained = {cause.partition(":")[0] for cause in found if ": layer " in cause}
+        first = min(group, key=_order)
+        causes.setdefault(f"{engine}: {_cause(first)}", []).append(f"{check} {dtype}")
+    explained = {cause.partition(":")[0] for cause in causes if ": layer " in cause}
     return {
         cause: checks
-        for cause, checks in found.items()
+        for cause, checks in causes.items()
         if not (cause.endswith(": the loss") and cause.partition(":")[0] in explained)
     }
 
 
-def _place(row: Row) -> tuple[int, int]:
+def _order(row: Row) -> tuple[int, int]:
+    """Sort key: the order in which a mistake becomes visible."""
     kind, _, count = row.part.partition(" after ")
-    # Losses differ from the second step on, so after the first step's weights.
+    # Losses depend on the weights after the first step, so they come after those.
     return int(count or kind == "losses"), [*CAUSES, "all"].index(kind)
 
 

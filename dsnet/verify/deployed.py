@@ -1,7 +1,7 @@
-"""The engines `onnx` and `stream` of `dsnet verify`: what the product deploys.
+"""The engines `onnx` and `stream` of `dsnet verify`, both in float32.
 
-Both compute in float32: the graphs that are exported, from poses to the posed skin frame by frame,
-the decoder, and the streaming predictor, whose graph gives latents.
+`onnx` runs the exported graphs frame by frame, from poses to the posed skin, and the decoder;
+`stream` runs the streaming predictor, which gives latents.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def dsnet_stream(weights: Tensors, motion: NDArray) -> Tensors:
 
 
 def ae_decode(weights: Tensors, latents: NDArray, architecture: Mapping[str, Any]) -> Tensors:
-    """Offsets in metres."""
+    """Offsets (B, V, 3), metres, of latents (B, 100)."""
     session = GraphSession(network_graphs.decoder_graph(weights, architecture))
     return {"layer/offsets": session(latents=latents)["offsets"]}
 
@@ -41,13 +41,14 @@ def ae_decode(weights: Tensors, latents: NDArray, architecture: Mapping[str, Any
 def dsnet_graph(
     weights: Tensors, theta: NDArray, betas: NDArray, body: str, architecture: Mapping[str, Any]
 ) -> Tensors:
-    """The whole graph of DSNet and the decoder, frame by frame, from poses to the posed skin."""
+    """Posed skin of poses theta (T, B, 69), by DSNet and the decoder, frame by frame."""
     network, data = TrainedDsnet.from_arrays("dsnet", weights), load_body_model(body)
     graph = network_graphs.dsnet_body_graph(network, weights, architecture, data)
     return {"layer/vertices": GraphSession(graph).rolled(theta, betas)}
 
 
 def plus_graph(weights: Tensors, theta: NDArray, betas: NDArray, body: str) -> Tensors:
+    """Posed skin of poses theta (T, B, 69), by `dsnet_plus`, frame by frame."""
     graph = plus_body_graph(TrainedPlus.from_arrays(weights), load_body_model(body))
     return {"layer/vertices": GraphSession(graph).rolled(theta, betas)}
 

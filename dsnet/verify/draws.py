@@ -1,4 +1,4 @@
-"""Random weights and inputs: nothing is zero or one that a mistake could hide behind."""
+"""Random weights and inputs; no value is 0 or 1, which could hide a mistake."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from bridge.tissue.oscillators import STEPS
 
 Arrays = dict[str, NDArray[Any]]
 SMALL_WIDTHS = (40, 24, 24, 12, 6)
-"""A hundredth of the network in which one kernel is square, so that it can be transposed unseen."""
+"""A small autoencoder. One kernel is square, so that transposing it by mistake raises no error."""
 
-_FLESH = {
+_COEFFICIENTS = {
     "omega": 30.0, "damping_ratio": 0.15, "stiffening": 500.0, "sag": 0.03,
     "normal_ratio": 1.4, "wave_speed": 1.0, "bending": 1e-4,
     "inertia_gain": 0.9, "gravity_gain": 1.1,
@@ -35,7 +35,7 @@ def dsnet_weights(seed: int) -> Arrays:
 
 
 def autoencoder_weights(seed: int, widths: tuple[int, ...]) -> Arrays:
-    """Weights through which a signal keeps its size for all the network's fourteen layers."""
+    """Weights that keep the size of a signal through all the network's fourteen layers."""
     rng = np.random.default_rng([seed, 2])
     shapes = autoencoder_shapes(widths).items()
     return {name: _draw(rng, shape, math.prod(shape[1:]) / 2) for name, shape in shapes}
@@ -48,7 +48,7 @@ def motion(seed: int, clips: int, frames: int, size: float = 0.5) -> Arrays:
 
 
 def clips(seed: int, count: int, frames: int) -> Arrays:
-    """Clips to learn from, each shorter than the one before and padded with zeros."""
+    """Training clips, each shorter than the one before and padded with zeros."""
     rng = np.random.default_rng([seed, 4])
     lengths = np.linspace(frames, frames / 3, count).astype(int)
     real = np.arange(frames) < lengths[:, None]
@@ -63,7 +63,7 @@ def values(seed: int, count: int, vertices: int, size: float = 1.0) -> Arrays:
 
 
 def bodies(seed: int, body: BodyModelData, pose: NDArray) -> Arrays:
-    """Bodies in given poses (B, 22 or 24, 3): shapes, offsets, a mesh to unpose, a direction."""
+    """Bodies in poses (B, 22 or 24, 3): betas, trans, offsets, a mesh to unpose, a direction."""
     rng = np.random.default_rng([seed, 6])
     count, surface = len(pose), (len(pose), *body.v_template.shape)
     given = {
@@ -78,7 +78,7 @@ def bodies(seed: int, body: BodyModelData, pose: NDArray) -> Arrays:
 
 
 def stream(seed: int, frames: int, characters: int) -> Arrays:
-    """Characters that sway and hop some metres apart: theta (T, B, 69), betas (B, 10)."""
+    """Moving characters: theta (T, B, 69), betas (B, 10)."""
     rng = np.random.default_rng([seed, 8])
     sway = np.cumsum(_normal(rng, (frames, characters, THETA_SIZE), 0.02), axis=0)
     start = _normal(rng, (characters, THETA_SIZE), 0.3)
@@ -89,10 +89,10 @@ def stream(seed: int, frames: int, characters: int) -> Arrays:
 
 
 def tissue(seed: int, body: BodyModelData, nodes: int = 40) -> Arrays:
-    """A `dsnet_plus` that nobody trained: soft flesh on a ring of nodes, and a static part."""
+    """Arrays of a random `dsnet_plus`: soft tissue on a ring of nodes, and a static part."""
     rng = np.random.default_rng([seed, 9])
     vertices, ring = body.vertex_count, np.arange(nodes)
-    beside = [np.stack([ring, (ring + step) % nodes], axis=1) for step in (-1, 0, 1)]
+    edges = [np.stack([ring, (ring + step) % nodes], axis=1) for step in (-1, 0, 1)]
     pulls = np.repeat(np.array([-1.0, 2.0, -1.0], np.float32) * 1e3, nodes)
     first = np.sort(rng.integers(0, nodes, vertices))
     shares = rng.dirichlet(np.ones(8), vertices)
@@ -101,7 +101,7 @@ def tissue(seed: int, body: BodyModelData, nodes: int = 40) -> Arrays:
         "nodes/owners": np.sort((first[:, None] + np.arange(8)) % nodes, axis=1).astype(np.int32),
         "nodes/shares": shares.astype(np.float32),
         "nodes/areas_m2": rng.uniform(1e-4, 4e-4, vertices).astype(np.float32),
-        "nodes/edges": np.concatenate(beside).astype(np.int32),
+        "nodes/edges": np.concatenate(edges).astype(np.int32),
         "nodes/pulls_m2": pulls,
         **_logarithms(rng, (nodes, 1)),
         "slopes": _normal(rng, (3, 1), 0.2),
@@ -117,11 +117,11 @@ def tissue(seed: int, body: BodyModelData, nodes: int = 40) -> Arrays:
 
 
 def oscillators(seed: int, nodes: int = 6, people: int = 2) -> Arrays:
-    """Weights of the layer that `dsnet_plus` is trained as, named as by Keras."""
+    """Weights of the Keras layer that is trained as `dsnet_plus`, by their Keras names."""
     rng = np.random.default_rng([seed, 10])
     return {
         **_logarithms(rng, (1,)),
-        **{f"by_node_{name}": _normal(rng, (nodes, 1), 0.2) for name in _FLESH},
+        **{f"by_node_{name}": _normal(rng, (nodes, 1), 0.2) for name in _COEFFICIENTS},
         "slopes": _normal(rng, (3, 1), 0.2),
         "stiffening_power": np.array([1.5], np.float32),
         "residual": _normal(rng, (people, nodes, 1), 0.1),
@@ -130,7 +130,7 @@ def oscillators(seed: int, nodes: int = 6, people: int = 2) -> Arrays:
 
 
 def windows(seed: int, frames: int = 6, nodes: int = 6, clips: int = 3, people: int = 2) -> Arrays:
-    """What that layer learns from: one window is shorter than the others."""
+    """A training batch of that layer, in which one window is shorter than the others."""
     rng = np.random.default_rng([seed, 11])
     normals = _normal(rng, (nodes, clips, 3), 1.0)
     counted = np.ones((frames, 1, clips, 1), np.float32)
@@ -151,14 +151,16 @@ def windows(seed: int, frames: int = 6, nodes: int = 6, clips: int = 3, people: 
 
 
 def poses(seed: int, count: int, joints: int, angle: float) -> NDArray[np.float64]:
-    """Axis-angle vectors (B, joints, 3) of one angle about random axes; the first along axes."""
+    """Axis-angle vectors (B, joints, 3) of one angle about random axes; row 0 about x, y or z."""
     axes = np.random.default_rng([seed, 7]).normal(size=(count, joints, 3))
     axes[0] = np.eye(3)[np.arange(joints) % 3]
     return angle * axes / np.linalg.norm(axes, axis=-1, keepdims=True)
 
 
 def _logarithms(rng: np.random.Generator, shape: tuple[int, ...]) -> Arrays:
-    return {f"log_{n}": math.log(value) + _normal(rng, shape, 0.2) for n, value in _FLESH.items()}
+    return {
+        f"log_{n}": math.log(value) + _normal(rng, shape, 0.2) for n, value in _COEFFICIENTS.items()
+    }
 
 
 def _draw(rng: np.random.Generator, shape: tuple[int, ...], fan_in: float) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""The engines by name, what each is asked, and what it answers, in a process of its own."""
+"""The engines, the checks they run, and how to run one in a process of its own."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ ENGINES = {
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """One operation on one set of numbers."""
+    """One operation on one set of arrays."""
 
     name: str
     op: str
-    """Name of the engines' function."""
+    """Name of the function that each engine has for it."""
     engines: Mapping[str, Sequence[DTypeName]]
-    """Which engines are compared with the reference, and in which precisions."""
+    """Engines that are compared with the reference, and in which precisions."""
     weights: Tensors = field(default_factory=dict)
     inputs: Tensors = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
-    """What the operation needs besides arrays."""
+    """Other arguments of the operation."""
     leave_out: Sequence[str] = ()
-    """Tensors that are not compared, because the numbers do not define them."""
+    """Tensors that are not compared, because these inputs do not define them."""
 
     def precisions(self, engine: str) -> Sequence[DTypeName]:
-        """In which an engine is asked for it; the reference once."""
+        """Precisions in which an engine runs the check; the reference runs in float64."""
         return ("float64",) if engine == REFERENCE else self.engines.get(engine, ())
 
 
-def write_requests(folder: Path, asked: Mapping[str, Iterable[Check]]) -> None:
-    """What each engine is asked; a set of arrays that checks share lies there once."""
+def write_requests(folder: Path, checks_of: Mapping[str, Iterable[Check]]) -> None:
+    """Write each engine's checks to a folder; arrays that checks share are written once."""
     folder.mkdir(parents=True)
     files: dict[int, str] = {}
 
@@ -55,7 +55,7 @@ def write_requests(folder: Path, asked: Mapping[str, Iterable[Check]]) -> None:
             save_tensors(folder / files[id(arrays)], arrays)
         return files[id(arrays)]
 
-    for engine, checks in asked.items():
+    for engine, checks in checks_of.items():
         cases = [
             {
                 "case": f"{check.name}.{dtype}",
@@ -72,35 +72,37 @@ def write_requests(folder: Path, asked: Mapping[str, Iterable[Check]]) -> None:
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What an engine said; its tensors lie in `folder`, one file a case."""
+class EngineResult:
+    """Results of an engine; `folder` has one file of tensors per case."""
 
     folder: Path
     versions: Mapping[str, str]
+    """Of packages, by name."""
     errors: Mapping[str, str]
-    """By case: why there is no file."""
+    """Why a case has no file, by case."""
     failure: str = ""
-    """Why the process as a whole gave nothing, in one line."""
+    """Why the whole process failed, in one line; empty if it did not."""
 
     def path(self, check: Check, dtype: DTypeName) -> Path:
         return self.folder / f"{check.name}.{dtype}.safetensors"
 
     def why_missing(self, check: Check, dtype: DTypeName) -> str:
-        """Why there is no such file; empty if there is."""
+        """Why a check has no tensors; empty if it has."""
         if self.path(check, dtype).is_file() and not self.failure:
             return ""
-        said = self.errors.get(f"{check.name}.{dtype}")
-        return said or self.failure or "the engine left this case out"
+        error = self.errors.get(f"{check.name}.{dtype}")
+        return error or self.failure or "the engine left this case out"
 
 
-Ask = Callable[[str, Path, Path], Answer]
+RunEngine = Callable[[str, Path, Path], EngineResult]
+"""A function of an engine's name, the folder of requests and the folder of its results."""
 
 
-def ask(engine: str, request: Path, out: Path) -> Answer:
-    """Run one engine on a request; an engine that dies is an answer too."""
+def run_engine(engine: str, request: Path, out: Path) -> EngineResult:
+    """Run one engine as a process; if it crashes, the result has the reason as its `failure`."""
     out.mkdir(parents=True)
-    status, said = outcome_of_module(ENGINES[engine], engine, str(request), str(out))
+    status, output = outcome_of_module(ENGINES[engine], engine, str(request), str(out))
     if status:
-        last = (said.strip().splitlines() or ["and said nothing"])[-1]
-        return Answer(out, {}, {}, f"the process ended with {status}: {last}")
-    return Answer(out, **json.loads((out / "answer.json").read_text(encoding="utf-8")))
+        last = (output.strip().splitlines() or ["without output"])[-1]
+        return EngineResult(out, {}, {}, f"the process ended with {status}: {last}")
+    return EngineResult(out, **json.loads((out / "answer.json").read_text(encoding="utf-8")))

@@ -1,7 +1,7 @@
-"""`dsnet verify`: the engines compute the same, or the command fails.
+"""`dsnet verify`: compare the engines with the reference, and fail if they differ.
 
 PyTorch and Keras are compared with the NumPy reference in layers, losses, gradients, training
-steps and SMPL; ONNX in the graphs that are deployed, from latents to offsets and from poses to the
+steps and SMPL; ONNX Runtime in the exported graphs, from latents to offsets and from poses to the
 posed skin; the streaming predictor in its latents.
 """
 
@@ -21,7 +21,7 @@ from bridge.runs import ArtifactWriter, Run
 from bridge.runs.run import body_model_path
 from dsnet.verify.checks import full_size_checks, random_checks, trained_checks
 from dsnet.verify.compare import TOLERANCES, Row, diagnose, verify
-from dsnet.verify.engines import Answer
+from dsnet.verify.engines import EngineResult
 
 STAGE = "verify"
 EMBEDDED_BODY = "embedded:female"
@@ -30,10 +30,10 @@ EMBEDDED_BODY = "embedded:female"
 @dataclass(frozen=True)
 class VerifyConfig:
     """Compare PyTorch and Keras with a float64 reference: layers, gradients, steps, SMPL;
-    and the ONNX graphs that are deployed with it.
+    and the exported ONNX graphs.
 
-    Every engine is a process of its own, one after the other. Prints a table, writes `parity.json`;
-    exits with 1 when anything differs by more than its tolerance.
+    Engines run as processes, one after the other. Prints a table, writes `parity.json`; exits with
+    1 when anything differs by more than its tolerance.
     """
 
     run: str = "demo"
@@ -41,7 +41,7 @@ class VerifyConfig:
     seed: Seed = 0
     """Seed of the random weights and inputs."""
     trained: bool = True
-    """Compare the run's trained weights; without them no run needs to be there."""
+    """Also compare the run's trained weights; --no-trained needs no run."""
     full_size: Fixed[bool] = True
     """Compare the autoencoder of random weights at its 33,626,606 parameters."""
 
@@ -54,7 +54,7 @@ PROFILES = {
 
 
 def main(config: VerifyConfig) -> None:
-    """Compare, print, write; nothing is ever skipped because it was done before."""
+    """Compare, print and write; an earlier result is never reused."""
     run = Run(config.run)
     if config.trained and not run.path.is_dir():
         raise DsnetError(
@@ -62,7 +62,7 @@ def main(config: VerifyConfig) -> None:
             f"a run in {run.path.parent}",
             "Run ./reproduce.sh first, or pass --no-trained to compare random weights.",
         )
-    with run.alone(STAGE, resumed=False):  # there is nothing to go on from
+    with run.alone(STAGE, resumed=False):  # there are no checkpoints to resume from
         rows = _make(config, run)
     sys.stdout.write(f"{text_table(rows)}\n\n{summary(rows, diagnose(rows))}\n")
     sys.exit(0 if all(row.passed for row in rows) else 1)
@@ -73,15 +73,15 @@ def _make(config: VerifyConfig, run: Run) -> list[Row]:
     sources = {s: run.artifact(s) for s in ("align", *trained) if run.finished(s)}
     origin = sources["align"].origin if "align" in sources else "synthetic"
     body = str(body_model_path(run)) if "align" in sources else EMBEDDED_BODY
-    # A fresh writer each time: what is asked is whether they agree now.
+    # Not `run.build`, which would keep an earlier result.
     writer = ArtifactWriter(run.path / STAGE, STAGE, data=origin)
     checks = random_checks(config.seed, body)
     if config.full_size:
         checks += full_size_checks(config.seed)
     if config.trained:
         checks += trained_checks(run)
-    rows, answers = verify(checks, writer.checkpoints / "work")
-    text = json.dumps(parity(rows, answers), indent=1, allow_nan=False) + "\n"
+    rows, results = verify(checks, writer.checkpoints / "work")
+    text = json.dumps(parity(rows, results), indent=1, allow_nan=False) + "\n"
     writer.file_path("parity.json").write_text(text, encoding="utf-8")
     settings = {key: value for key, value in asdict(config).items() if key != "run"}
     upstream = {name: source.content_sha256 for name, source in sources.items()}
@@ -89,13 +89,13 @@ def _make(config: VerifyConfig, run: Run) -> list[Row]:
     return rows
 
 
-def parity(rows: Sequence[Row], answers: Mapping[str, Answer]) -> dict[str, Any]:
-    """The contents of `parity.json`; what is infinite is null."""
+def parity(rows: Sequence[Row], results: Mapping[str, EngineResult]) -> dict[str, Any]:
+    """The contents of `parity.json`; infinite differences are null."""
     return {
         "passed": all(row.passed for row in rows),
         "diagnosis": diagnose(rows),
         "tolerances": TOLERANCES,
-        "engines": {name: dict(answer.versions) for name, answer in answers.items()},
+        "engines": {name: dict(result.versions) for name, result in results.items()},
         "rows": [
             {key: None if value == float("inf") else value for key, value in asdict(row).items()}
             for row in rows
@@ -104,12 +104,13 @@ def parity(rows: Sequence[Row], answers: Mapping[str, Answer]) -> dict[str, Any]
 
 
 def text_table(rows: Sequence[Row]) -> str:
-    lines = [list(_cells(rows[0])), *(list(_cells(row).values()) for row in rows)]
+    """The rows as aligned columns, with a line of column names."""
+    lines = [list(_columns(rows[0])), *(list(_columns(row).values()) for row in rows)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in lines)
 
 
-def _cells(row: Row) -> dict[str, str]:
+def _columns(row: Row) -> dict[str, str]:
     return {
         "check": row.check,
         "part": row.part,
@@ -125,6 +126,7 @@ def _cells(row: Row) -> dict[str, str]:
 
 
 def summary(rows: Sequence[Row], diagnosis: Mapping[str, Sequence[str]]) -> str:
+    """Whether all rows hold, else the causes and the checks that show them."""
     failed = sum(not row.passed for row in rows)
     if not failed:
         return f"all {len(rows)} rows hold"

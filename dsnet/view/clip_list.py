@@ -66,7 +66,7 @@ class Repertoire:
 
     def truth_of(self, take: ViewedMotion) -> MotionSequence | None:
         """Where in the truth a motion stands, if it does."""
-        return self.truth.places.get(take.sequence) if self.truth else None
+        return self.truth.sequences.get(take.sequence) if self.truth else None
 
 
 def open_repertoire(

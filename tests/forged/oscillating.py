@@ -23,7 +23,7 @@ from bridge.tissue.trained_plus import (
     Weights,
     static_features,
 )
-from dsnet.verify.reference.oscillators import moving
+from dsnet.verify.reference.oscillators import node_offsets
 
 HZ = 5.5
 TRUE = {
@@ -80,7 +80,7 @@ def clip_of(
     """A clip whose offsets are what the model makes of the motion."""
     sequence = MotionSequence(f"{person}_{motion}", str(person), motion, 0, len(theta), 60.0)
     load = node_loads(body, model.nodes.vertices, betas, theta, 60.0)
-    offsets_m = moving(model, body, theta, betas).astype(np.float32)
+    offsets_m = node_offsets(model, body, theta, betas).astype(np.float32)
     features = static_features(body, theta)
     return NodeClip(sequence, person, theta, offsets_m, load, features)
 
@@ -118,7 +118,7 @@ def write_aligned(
                 MotionSequence(f"{subject}_{motion}", subject, motion, start, length, 60.0, split)
             )
             theta.append(lively(length, 10 * person + number).astype(np.float32))
-            offsets.append(model.nodes.spread(moving(model, body, theta[-1], betas)))
+            offsets.append(model.nodes.spread(node_offsets(model, body, theta[-1], betas)))
             start += length
     arrays = {
         "betas": model.people_betas,

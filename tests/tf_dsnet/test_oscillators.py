@@ -13,7 +13,7 @@ from bridge.tissue.node_clips import NodeClip
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
-from dsnet.verify.reference.oscillators import moving
+from dsnet.verify.reference.oscillators import node_offsets
 from tests.forged.oscillating import clips_of, people_of, true_model
 from tf_dsnet.framework import Tensor, tf
 from tf_dsnet.oscillators import OscillatorLayer
@@ -72,7 +72,7 @@ def test_layer_is_the_sheet_for_several_people_at_once(body, nodes, taps, ahead)
     assert {c.person for c in chosen} == {0, 1, 2}
     expected = []
     for clip in chosen:
-        expected.append(moving(trained, body, clip.theta, people[clip.person]))
+        expected.append(node_offsets(trained, body, clip.theta, people[clip.person]))
     starts = [rolled[0] for rolled in expected]
     found = layer(*inputs(body, nodes, chosen, starts, 49, taps, ahead)).numpy()
     assert found.shape == (49, NODES, 4, 3)

@@ -24,7 +24,7 @@ from bridge.tissue.trained_plus import StaticPart, TrainedPlus
 from dsnet.stages import run_motions, stage_infer
 from dsnet.stages.stage_infer import InferConfig, TrainedNetworks, infer_plus
 from dsnet.stream.streaming_predictor import StreamingPredictor
-from dsnet.verify.reference.oscillators import moving
+from dsnet.verify.reference.oscillators import node_offsets
 from tests.forged.amass import save, shape, smplh, smplx
 from tests.forged.oscillating import people_of, true_model
 from tests.forged.plus import write_plus
@@ -301,7 +301,7 @@ def test_evaluated_sequences_are_predicted_end_to_end(runs, monkeypatch):
     for one, person in zip(placed, (0, 1, 1), strict=True):
         theta = align.array("theta")[source[one.name].frames]
         np.testing.assert_array_equal(made.array("theta")[one.frames], theta)
-        expected = model.nodes.spread(moving(model, body, theta, people_of(PEOPLE)[person]))
+        expected = model.nodes.spread(node_offsets(model, body, theta, people_of(PEOPLE)[person]))
         found = made.array("offsets_dsnet_plus")[one.frames]
         np.testing.assert_allclose(found, expected, atol=2e-6)
 
@@ -315,7 +315,7 @@ def test_the_static_part_is_in_the_whole_and_beside_it(runs, monkeypatch):
     assert made.manifest["arrays"]["static_dsnet_plus"]["unit"] == "m"
     model = TrainedPlus.load(read_artifact(run / "train_plus"))
     body, theta = load_body_model("embedded:female"), made.array("theta")[:50]
-    moved = model.nodes.spread(moving(model, body, theta, people_of(PEOPLE)[0]))
+    moved = model.nodes.spread(node_offsets(model, body, theta, people_of(PEOPLE)[0]))
     np.testing.assert_allclose(total[:50] - static[:50], moved, atol=1e-6)
     assert np.abs(static).max() > 1e-3
 

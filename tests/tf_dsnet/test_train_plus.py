@@ -20,7 +20,7 @@ from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.shape import shape_features
 from bridge.tissue.trained_plus import NODE_FIELDS, StaticPart, TrainedPlus
 from dsnet.prediction.models import simulate_nodes
-from dsnet.verify.reference.oscillators import coefficients, moving
+from dsnet.verify.reference.oscillators import coefficients, node_offsets
 from tests.forged.oscillating import HZ, clip_of, clips_of, lively, people_of, true_model
 from tests.tf_dsnet.plus import PEOPLE, TINY, forge_run, teach_nothing, train
 from tf_dsnet.framework import Tensor
@@ -84,7 +84,7 @@ def test_the_frequency_is_found(trained, truth, body):
 def test_a_motion_that_was_left_out_is_predicted(trained, truth, body):
     betas = people_of(4)[1]
     clip = clip_of(body, truth, betas, lively(150, 999))
-    assert explained(moving(trained[0], body, lively(150, 999), betas), clip.offsets_m) > 0.95
+    assert explained(node_offsets(trained[0], body, lively(150, 999), betas), clip.offsets_m) > 0.95
 
 
 def test_a_new_persons_softness_follows_from_shape(trained, truth, body):
@@ -92,7 +92,7 @@ def test_a_new_persons_softness_follows_from_shape(trained, truth, body):
         [0.5, 0, -0.5, 0, 0.5, 0, 0, 0, 0, 0], np.float32
     )
     clip = clip_of(body, truth, betas, lively(150, 998))
-    assert explained(moving(trained[0], body, lively(150, 998), betas), clip.offsets_m) > 0.95
+    assert explained(node_offsets(trained[0], body, lively(150, 998), betas), clip.offsets_m) > 0.95
 
 
 def test_what_shapes_tell_of_known_people_is_taken_out_of_what_they_have_besides(body, truth):

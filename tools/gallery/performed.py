@@ -85,7 +85,7 @@ def truth_of(run: Run, name: str) -> TrueMotion:
         If the run has no truth of it.
     """
     truth, every = open_truth(run, run.artifact("corpus").origin), slice(None)
-    if truth is None or name not in truth.places:
+    if truth is None or name not in truth.sequences:
         raise DsnetError(
             f"run {run.name!r} without the truth of {name}",
             "a run of the synthetic corpus",

@@ -1,1 +1,1 @@
-"""Every operation in NumPy, as plainly as it can be said."""
+"""The reference: every operation in plain NumPy and float64."""

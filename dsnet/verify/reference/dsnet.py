@@ -1,4 +1,4 @@
-"""DSNet (Section 5, Figure 5), forwards and backwards; and Adam."""
+"""DSNet (Section 5, Figure 5), forward and backward, and Adam."""
 
 from __future__ import annotations
 
@@ -20,13 +20,15 @@ from dsnet.verify.reference.layers import Arrays
 
 
 class Pass(NamedTuple):
+    """One forward and backward pass in training mode."""
+
     loss: float
     gradients: Arrays
     """By trainable parameter."""
     statistics: Arrays
-    """Weights that the pass itself moves on: the running statistics."""
+    """The updated running statistics."""
     outputs: Arrays
-    """Of every layer."""
+    """By layer."""
 
 
 def predict(w: Arrays, motion: np.ndarray) -> Arrays:
@@ -36,7 +38,7 @@ def predict(w: Arrays, motion: np.ndarray) -> Arrays:
 
 
 def predict_latents(w: Arrays, motion: np.ndarray) -> np.ndarray:
-    """(B, T, 100) of motions (B, T, 79) in their own units, by `scaling/...` among the weights."""
+    """Latents (B, T, 100) of motions (B, T, 79); unscaled if the weights have `scaling/...`."""
     if "scaling/input_mean" in w:
         motion = (motion - w["scaling/input_mean"]) / w["scaling/input_std"]
     latents = predict(w, motion)["fc_enc_3"]
@@ -48,9 +50,9 @@ def predict_latents(w: Arrays, motion: np.ndarray) -> np.ndarray:
 def learn(
     w: Arrays, motion: np.ndarray, latents: np.ndarray, real: np.ndarray | None = None
 ) -> Pass:
-    """Loss and gradients of a batch whose own statistics normalise it.
+    """Loss and gradients of a batch, which is normalised by its own statistics.
 
-    Of motions (B, T, 79) and latents (B, T, 100); all frames count unless `real` (B, T) is given.
+    `motion` is (B, T, 79), `latents` (B, T, 100); without `real` (B, T) all frames count.
     """
     outputs, steps = _up_to_lstm(w, motion)
     batch = layers.moments(outputs["lstm"], real, MASKED_COUNT_EPSILON)
@@ -73,10 +75,10 @@ def learn(
     _, g["fc_enc_1/kernel"], g["fc_enc_1/bias"] = layers.dense_backward(
         dy, motion, w["fc_enc_1/kernel"]
     )
-    seen = {"batch_norm/moving_mean": batch.mean, "batch_norm/moving_variance": batch.variance}
-    keep = BATCH_NORM_MOMENTUM
-    moved_on = {name: keep * w[name] + (1 - keep) * new for name, new in seen.items()}
-    return Pass(loss, g, moved_on, outputs)
+    of_batch = {"batch_norm/moving_mean": batch.mean, "batch_norm/moving_variance": batch.variance}
+    momentum = BATCH_NORM_MOMENTUM
+    statistics = {n: momentum * w[n] + (1 - momentum) * new for n, new in of_batch.items()}
+    return Pass(loss, g, statistics, outputs)
 
 
 def _up_to_lstm(w: Arrays, motion: np.ndarray) -> tuple[Arrays, list[layers.LstmStep]]:
@@ -102,12 +104,12 @@ def adam_step(
     for name, gradient in gradients.items():
         m = rule.beta_1 * first[name] + (1 - rule.beta_1) * gradient
         v = rule.beta_2 * second[name] + (1 - rule.beta_2) * gradient**2
-        first_share, second_share = 1 - rule.beta_1**t, 1 - rule.beta_2**t
+        correction_1, correction_2 = 1 - rule.beta_1**t, 1 - rule.beta_2**t
         if rule.epsilon_hat:
-            change = m * np.sqrt(second_share) / (np.sqrt(v) + rule.epsilon)
+            change = m * np.sqrt(correction_2) / (np.sqrt(v) + rule.epsilon)
         else:
-            change = m / (np.sqrt(v / second_share) + rule.epsilon)
-        new_weights[name] = weights[name] - rule.learning_rate / first_share * change
+            change = m / (np.sqrt(v / correction_2) + rule.epsilon)
+        new_weights[name] = weights[name] - rule.learning_rate / correction_1 * change
         new_first[name], new_second[name] = m, v
     return new_weights, new_first, new_second
 
@@ -115,6 +117,7 @@ def adam_step(
 def train(
     weights: Arrays, run_pass: Callable[[Arrays], Pass], rule: AdamRule, steps: Sequence[int]
 ) -> Tensors:
+    """Train by Adam; the tensors of `bridge.exchange.engine.trained` after each of `steps`."""
     first = now = run_pass(weights)
     m = v = {name: np.zeros_like(gradient) for name, gradient in first.gradients.items()}
     t, w = 0, weights
@@ -134,12 +137,13 @@ def train(
 
 
 def dsnet_forward(w: Arrays, motion: np.ndarray, run: str) -> Tensors:
-    """Every layer; however an engine runs, the LSTM here takes one frame after another."""
+    """Every layer's output; `run` is ignored, as the LSTM always runs frame by frame here."""
     del run
     return prefixed("layer", predict(w, motion))
 
 
 def dsnet_stream(w: Arrays, motion: np.ndarray) -> Tensors:
+    """Latents of motions (B, T, 79)."""
     return {"layer/latents": predict_latents(w, motion)}
 
 
@@ -147,7 +151,7 @@ def dsnet_train(
     w: Arrays, masked: bool, steps: list[int], real: np.ndarray, **clips: np.ndarray
 ) -> Tensors:
     """Layers in training mode, loss, gradients, steps of Adam."""
-    counted = real if masked else None
-    first = learn(w, **clips, real=counted)
-    learned = train(w, lambda now: learn(now, **clips, real=counted), KERAS_ADAM, steps)
-    return {**prefixed("layer", first.outputs), **learned}
+    mask = real if masked else None
+    first = learn(w, **clips, real=mask)
+    trained = train(w, lambda now: learn(now, **clips, real=mask), KERAS_ADAM, steps)
+    return {**prefixed("layer", first.outputs), **trained}

@@ -16,7 +16,7 @@ from dsnet.verify.reference import dsnet, mesh_autoencoder, oscillators, smpl
 def dsnet_graph(
     w: Tensors, theta: np.ndarray, betas: np.ndarray, body: str, architecture: Mapping[str, Any]
 ) -> Tensors:
-    """From poses theta (T, B, 69) of B characters to the posed skin, by DSNet and the decoder."""
+    """Posed skin of B characters with poses theta (T, B, 69), by DSNet and the decoder."""
     del architecture
     data = load_body_model(body)
     inputs = np.concatenate([np.broadcast_to(betas, (*theta.shape[:2], 10)), theta], axis=-1)

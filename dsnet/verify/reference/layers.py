@@ -1,7 +1,7 @@
-"""The layers that learn, nonlinearities and losses, forwards and backwards.
+"""Layers, nonlinearities and losses, forward and backward.
 
-Each `*_backward` takes the gradient of a scalar by the layer's output and returns the gradients
-by its input and its parameters. Arrays are batch-first; leading axes are any.
+Each `*_backward` takes the gradient of a scalar with respect to the layer's output and returns
+the gradients with respect to its input and its parameters. Arrays are batch-first.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def dense_backward(dy: Array, x: Array, kernel: Array) -> tuple[Array, Array, Ar
 
 
 def leaky_relu(z: Array) -> tuple[Array, Array]:
-    """LeakyReLU of z, and the slope there: the one from below at 0."""
+    """LeakyReLU of z, and its derivative; at 0 that is the negative slope."""
     slope = np.where(z > 0, 1.0, NEGATIVE_SLOPE)
     return slope * z, slope
 
@@ -38,7 +38,7 @@ def sigmoid(z: Array) -> Array:
 
 
 class LstmStep(NamedTuple):
-    """What one frame leaves behind: the new state, and what its gradient needs; all (B, H)."""
+    """The state after one frame, and the gates that the gradient needs; all (B, H)."""
 
     hidden: Array
     cell: Array
@@ -49,10 +49,7 @@ class LstmStep(NamedTuple):
 
 
 def lstm(x: Array, kernel: Array, recurrent: Array, bias: Array) -> list[LstmStep]:
-    """All frames of x (B, T, in) from a state of zeros, one by one; gates in the order i, f, c, o.
-
-    Nothing but hidden and cell state passes from one frame to the next.
-    """
+    """Run frame by frame over x (B, T, in) from a zero state; gates in the order i, f, c, o."""
     hidden = cell = np.zeros((len(x), len(recurrent)))
     steps: list[LstmStep] = []
     for frame in x.swapaxes(0, 1):
@@ -67,7 +64,7 @@ def lstm(x: Array, kernel: Array, recurrent: Array, bias: Array) -> list[LstmSte
 def lstm_backward(
     dy: Array, x: Array, steps: list[LstmStep], kernel: Array, recurrent: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Back through time: gradients by x, kernel, recurrent kernel and bias."""
+    """Backpropagation through time: gradients of x, kernel, recurrent kernel and bias."""
     zeros = np.zeros_like(steps[0].hidden)
     by_x, by_kernel = np.zeros_like(x), np.zeros_like(kernel)
     by_recurrent, by_bias = np.zeros_like(recurrent), np.zeros(kernel.shape[1])
@@ -98,59 +95,60 @@ class Moments(NamedTuple):
     """Statistics of a batch over the frames that count."""
 
     mean: Array
-    """(H,), like the variance, which is biased: divided by the count."""
+    """(H,)"""
     variance: Array
-    counted: Array
-    """(B, T, 1) 1 where a frame counts."""
+    """(H,), biased: divided by the number of frames."""
+    mask: Array
+    """(B, T, 1) 1 where a frame counts, else 0."""
     divisor: float
-    """What the sums were divided by."""
+    """The divisor of the sums: the number of frames that count, and perhaps an epsilon."""
 
 
 def moments(x: Array, real: Array | None, count_epsilon: float) -> Moments:
-    """Mean and variance of x (B, T, H); of frames where `real` (B, T), when it is given.
+    """Mean and variance of x (B, T, H) over all frames, or over those where `real` (B, T) is true.
 
     Keras adds `count_epsilon` to the number of frames, but only when there is a mask.
     """
-    counted = np.ones((*x.shape[:2], 1)) if real is None else real[..., None].astype(float)
-    divisor = counted.sum() + (0.0 if real is None else count_epsilon)
-    mean = (counted * x).sum(axis=(0, 1)) / divisor
-    variance = (counted * (x - mean) ** 2).sum(axis=(0, 1)) / divisor
-    return Moments(mean, variance, counted, divisor)
+    mask = np.ones((*x.shape[:2], 1)) if real is None else real[..., None].astype(float)
+    divisor = mask.sum() + (0.0 if real is None else count_epsilon)
+    mean = (mask * x).sum(axis=(0, 1)) / divisor
+    variance = (mask * (x - mean) ** 2).sum(axis=(0, 1)) / divisor
+    return Moments(mean, variance, mask, divisor)
 
 
 def batch_norm(
     x: Array, mean: Array, variance: Array, gamma: Array, beta: Array, epsilon: float
 ) -> Array:
-    """x (..., H) brought to zero mean and unit variance, then to gamma and beta."""
+    """Normalise x (..., H) by mean and variance, then scale by gamma and shift by beta."""
     return gamma * (x - mean) / np.sqrt(variance + epsilon) + beta
 
 
 def batch_norm_backward(
     dy: Array, x: Array, batch: Moments, gamma: Array, epsilon: float
 ) -> tuple[Array, Array, Array]:
-    """Gradients by x, gamma and beta of a pass that used the statistics of the batch itself.
+    """Gradients of x, gamma and beta when the batch is normalised by its own statistics.
 
-    Frames that do not count are normalised too, so they have a part in the gradient by the
-    statistics; and the counted deviations do not quite sum to zero when the divisor is not the
-    count, so the mean has a part in the variance.
+    Masked frames are normalised too, so they contribute to the gradients of mean and variance. If
+    the divisor has an epsilon, deviations do not sum to zero, and the mean affects the variance.
     """
-    spread = np.sqrt(batch.variance + epsilon)
+    std = np.sqrt(batch.variance + epsilon)
     deviation = x - batch.mean
-    slope = dy * gamma / spread
-    by_variance = (slope * deviation).sum(axis=(0, 1)) / (-2 * spread**2)
-    left_over = (batch.counted * deviation).sum(axis=(0, 1))
-    by_mean = -slope.sum(axis=(0, 1)) - 2 * by_variance * left_over / batch.divisor
-    through_statistics = batch.counted * (by_mean + 2 * by_variance * deviation) / batch.divisor
-    by_gamma = (dy * deviation / spread).sum(axis=(0, 1))
+    slope = dy * gamma / std
+    by_variance = (slope * deviation).sum(axis=(0, 1)) / (-2 * std**2)
+    residual = (batch.mask * deviation).sum(axis=(0, 1))
+    by_mean = -slope.sum(axis=(0, 1)) - 2 * by_variance * residual / batch.divisor
+    through_statistics = batch.mask * (by_mean + 2 * by_variance * deviation) / batch.divisor
+    by_gamma = (dy * deviation / std).sum(axis=(0, 1))
     return slope + through_statistics, by_gamma, dy.sum(axis=(0, 1))
 
 
 def sum_of_distances(
     target: Array, predicted: Array, real: Array | None = None
 ) -> tuple[float, Array]:
-    """Section 4.3: sum over t of the L2 distance, mean over the batch; and its gradient.
+    """The loss of Section 4.3 and its gradient: L2 distances summed over time, mean over the batch.
 
-    Of (B, T, D), over the frames where `real` (B, T). The gradient is 0 where a distance is 0.
+    Arrays are (B, T, D); only frames where `real` (B, T) is true count. The gradient is 0 where a
+    distance is 0.
     """
     counts = np.ones(target.shape[:2]) if real is None else real.astype(float)
     difference = predicted - target
@@ -161,6 +159,6 @@ def sum_of_distances(
 
 
 def mean_squared_error(target: Array, predicted: Array) -> tuple[float, Array]:
-    """The autoencoder's: mean over all numbers of the squared difference; and its gradient."""
+    """The autoencoder's loss and its gradient: the mean squared difference of all numbers."""
     difference = predicted - target
     return float((difference**2).mean()), 2 * difference / difference.size

@@ -1,7 +1,7 @@
-"""SMPL (Eq. 1-2) in float64, and its gradient by steps into the imaginary direction.
+"""SMPL (Eq. 1-2) in float64, and its gradient by complex-step differentiation.
 
-f'(x) = Im f(x + i h) / h: with h of 1e-30 nothing cancels, so it is exact to the last digits and
-needs no formula of its own. All functions take complex numbers as they take real ones.
+f'(x) = Im f(x + i h) / h: with h = 1e-30 nothing cancels, so derivatives are exact to rounding
+without any formula. All functions accept complex numbers.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ _ALL = slice(None)
 
 
 def rotations(pose: Array) -> Array:
-    """(B, 24, 3, 3) of axis-angle vectors (B, 22 or 24, 3), radians, by Rodrigues' formula.
+    """Rotation matrices (B, 24, 3, 3) of axis-angle vectors (B, 22 or 24, 3), radians.
 
-    The hand joints that a pose of 22 lacks are at rest.
+    With 22 joints, the hands are not rotated.
     """
     hands = np.zeros((len(pose), 24 - pose.shape[1], 3))
     x, y, z = np.moveaxis(np.concatenate([pose, hands], axis=1), -1, 0)
@@ -32,14 +32,14 @@ def rotations(pose: Array) -> Array:
 
 
 def joints(body: BodyModelData, betas: Array) -> Array:
-    """(B, 24, 3) joints of bodies of shapes betas (B, 10) in the rest pose, metres."""
+    """Joints (B, 24, 3) in the rest pose for betas (B, 10), metres."""
     return body.J_regressor.toarray() @ (body.v_template + _blended(body.shapedirs, betas))
 
 
 def rest_vertices(
     body: BodyModelData, betas: Array, turns: Array, vertices: Array | slice = _ALL
 ) -> Array:
-    """(B, V, 3) of some vertices, shaped and with pose blend shapes, before skinning, metres."""
+    """Vertices (B, V, 3) before skinning, with shape and pose blend shapes, metres."""
     features = (turns[:, 1:] - np.eye(3)).reshape(len(turns), -1)
     shaped = body.v_template[vertices] + _blended(body.shapedirs[vertices], betas)
     return shaped + _blended(body.posedirs[vertices], features)
@@ -48,9 +48,9 @@ def rest_vertices(
 def skinning(
     body: BodyModelData, betas: Array, turns: Array, trans: Array, vertices: Array | slice = _ALL
 ) -> tuple[Array, Array]:
-    """Turn (B, V, 3, 3) and shift (B, V, 3) of some vertices from the rest pose to the world.
+    """Linear part (B, V, 3, 3) and translation (B, V, 3) of each vertex's skinning transform.
 
-    The root turns about its own joint and is then moved by `trans` (B, 3).
+    The root rotates about its own joint and is then moved by `trans` (B, 3).
     """
     rest = joints(body, betas)
     turned, places = [turns[:, 0]], [rest[:, 0] + trans]
@@ -66,7 +66,7 @@ def skinning(
 def posed_vertices(
     body: BodyModelData, betas: Array, pose: Array, trans: Array, offsets: Array | float = 0.0
 ) -> Array:
-    """(B, V, 3), metres, with offsets added in the rest pose."""
+    """Posed vertices (B, V, 3), metres; offsets (B, V, 3) are added in the rest pose."""
     turns = rotations(pose)
     turn, shift = skinning(body, betas, turns, trans)
     return _applied(turn, rest_vertices(body, betas, turns) + offsets) + shift
@@ -75,13 +75,13 @@ def posed_vertices(
 def unposed_vertices(
     body: BodyModelData, mesh: Array, betas: Array, pose: Array, trans: Array
 ) -> Array:
-    """(B, V, 3) rest-pose vertices of a posed mesh, metres: the inverse skinning W^-1 of Eq. 5."""
+    """Rest-pose vertices (B, V, 3) of a posed mesh, metres: inverse skinning, W^-1 of Eq. 5."""
     turn, shift = skinning(body, betas, rotations(pose), trans)
     return np.linalg.solve(turn, (mesh - shift)[..., None])[..., 0]
 
 
 def gradient(body: BodyModelData, given: Arrays, probe: Array) -> Arrays:
-    """Gradient of sum(probe * vertices) by betas, pose, trans and offsets; probe (B, V, 3)."""
+    """Gradients of sum(probe * vertices) for betas, pose, trans, offsets; probe is (B, V, 3)."""
 
     def by(name: str, row: int) -> Array:
         moved = {key: array[row : row + 1] for key, array in given.items()}
@@ -98,7 +98,7 @@ def gradient(body: BodyModelData, given: Arrays, probe: Array) -> Arrays:
 
 
 def smpl(body: str, mesh: Array, probe: Array, **given: Array) -> Tensors:
-    """Parts of the forward pass, the rest pose of `mesh` (B, V, 3), and the gradient."""
+    """Parts of the forward pass, `mesh` (B, V, 3) unposed, and gradients."""
     data, betas, turns = load_body_model(body), given["betas"], rotations(given["pose"])
     motion = {name: given[name] for name in ("betas", "pose", "trans")}
     outputs = {
@@ -112,11 +112,11 @@ def smpl(body: str, mesh: Array, probe: Array, **given: Array) -> Tensors:
 
 
 def _blended(shapes: Array, amounts: Array) -> Array:
-    """Shapes (V, 3, N) in amounts (B, N), added up: (B, V, 3)."""
+    """Sum (B, V, 3) of blend shapes (V, 3, N) with coefficients (B, N)."""
     flat = amounts @ shapes.reshape(-1, shapes.shape[-1]).T
     return flat.reshape(len(amounts), *shapes.shape[:-1])
 
 
 def _applied(matrices: Array, vectors: Array) -> Array:
-    """(..., 3) of (..., 3, 3) and (..., 3)."""
+    """Products (..., 3) of matrices (..., 3, 3) and vectors (..., 3)."""
     return np.einsum("...xy,...y->...x", matrices, vectors)

@@ -88,7 +88,7 @@ class Held:
 
     def __init__(self, offsets_m: np.ndarray) -> None:
         self.offsets_m = offsets_m
-        self.places = {"one": MotionSequence("one", "a", "b", 0, len(offsets_m), 60.0)}
+        self.sequences = {"one": MotionSequence("one", "a", "b", 0, len(offsets_m), 60.0)}
 
     def frames(self, array: str, name: str, frames: slice) -> np.ndarray:
         return self.offsets_m[frames]

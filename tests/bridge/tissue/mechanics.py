@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.tissue.oscillators import STEPS, coupling
 from dsnet.onnx.onnx_graph import Graph, GraphSession, Value
 from dsnet.onnx.tissue_graph import Person, SheetGraph, Springs
-from dsnet.verify.reference.oscillators import Coefficients, Sheet
+from dsnet.verify.reference.oscillators import Coefficients, Oscillators
 
 ALONE = sp.csr_matrix((1, 1), dtype=np.float32)
 """Laplacian of a node without neighbours."""
@@ -48,7 +48,7 @@ def mechanics(
 
 
 class GraphSheet:
-    """The product's step and rest, by ONNX Runtime; interface as of the reference's `Sheet`."""
+    """The product's step and equilibrium, by ONNX Runtime, with the interface of `Oscillators`."""
 
     def __init__(self, springs: Coefficients, laplacian: sp.csr_matrix) -> None:
         fields = vars(springs)
@@ -78,7 +78,7 @@ class GraphSheet:
         return self._settled(now=given, before=given, load=given)["found"][0].T
 
 
-class ReferenceSheet(Sheet):
+class ReferenceSheet(Oscillators):
     """The verification's, of a sparse Laplacian."""
 
     def __init__(self, springs: Coefficients, laplacian: sp.csr_matrix) -> None:

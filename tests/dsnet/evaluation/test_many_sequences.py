@@ -12,7 +12,7 @@ from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import Artifact, write_artifact
 from dsnet.evaluation import pipelines
 from dsnet.evaluation.alignment import alignment_errors
-from dsnet.evaluation.pipelines import NEW_PERSON, MotionArrays, mean_offsets_m
+from dsnet.evaluation.pipelines import TEST_SUBJECT, MotionArrays, mean_offsets_m
 
 BODY = load_body_model("embedded:female")
 RNG = np.random.default_rng(0)
@@ -66,5 +66,5 @@ def test_the_mean_of_a_person_is_that_of_all_training_frames(tmp_path: Path) -> 
     offsets_m = align.array("offsets").astype(np.float64)
     for person in range(3):
         np.testing.assert_allclose(means[str(person)], offsets_m[person::3].mean(axis=0))
-    everybody = means.pop(NEW_PERSON)
+    everybody = means.pop(TEST_SUBJECT)
     np.testing.assert_allclose(everybody, np.mean(list(means.values()), axis=0))

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 
 from dsnet.evaluation.metrics import (
     BANDS_HZ,
-    STEP_HZ,
+    BIN_HZ,
     ErrorSums,
     GroupErrors,
     Offsets,
     SpectrumSums,
     VelocitySums,
     frame_blocks,
-    frequency_steps,
+    frequency_bins,
 )
 
 FPS, FRAMES = 60.0, 240
@@ -135,7 +135,7 @@ def test_a_cosine_lies_in_its_own_step(hz):
     sums = spectrum(swing(hz), swing(hz))
     expected = np.zeros(60)
     # Of a cosine of amplitude a in three coordinates: 3 a^2 / 2, over vertices and frames.
-    expected[int(hz / STEP_HZ)] = 1.5e-6 * FRAMES * 4
+    expected[int(hz / BIN_HZ)] = 1.5e-6 * FRAMES * 4
     np.testing.assert_allclose(sums.energy[0], expected, atol=1e-12)
     np.testing.assert_allclose(sums.energy[2], 0.0, atol=1e-12)
 
@@ -160,7 +160,7 @@ def test_half_a_swing_has_half_its_size_and_three_quarters_r2():
 def test_a_damped_swing_is_found_at_its_frequency_beside_a_larger_slow_drift():
     true = swing(5.25, damping=3.0) + swing(0.5, size_m=5e-3)
     sums = spectrum(0.5 * true, true)
-    assert sums.own_hz() == pytest.approx(5.25, abs=0.51)
+    assert sums.peak_hz() == pytest.approx(5.25, abs=0.51)
     assert sums.summary()["own"]["ratio"] == pytest.approx(0.5)
     # Continued evenly into the past, the amplitude at f is that of 1 / (1 + u^2), u = 2 pi (f - f0)
     # / damping; its square's integral is half of atan u + u / (1 + u^2).
@@ -185,8 +185,8 @@ def test_a_band_without_energy_has_no_ratio():
 
 
 def test_other_lengths_have_the_same_steps():
-    assert frequency_steps(240, 60.0)[20] == frequency_steps(480, 60.0)[40] == 5
-    assert frequency_steps(90, 60.0).max() == 59
+    assert frequency_bins(240, 60.0)[20] == frequency_bins(480, 60.0)[40] == 5
+    assert frequency_bins(90, 60.0).max() == 59
 
 
 def test_errors_of_a_group_are_those_of_all_frames_at_once():

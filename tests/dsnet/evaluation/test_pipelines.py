@@ -11,7 +11,7 @@ from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.motion import MotionSequence, sequences_of, to_manifest, unpack_theta
 from bridge.runs import Run, read_artifact, write_artifact
-from dsnet.evaluation.evaluation import OFFSET_SIZE, evaluate_run, frames_m
+from dsnet.evaluation.evaluation import OFFSET_SIZE, evaluate_run, per_frame_m
 from tests.forged.best_pipeline import PLUS, write_best_pipeline
 
 SEQUENCES = [
@@ -149,12 +149,12 @@ def test_how_offsets_move_is_measured(both):
     assert plus["spectrum"]["own"]["hz"] == pytest.approx(5.25, abs=0.5)
     assert plus["spectrum"]["own"]["ratio"] == pytest.approx(0.5, rel=1e-4)
     true, predicted = (
-        frames_m(both, OFFSET_SIZE, name, "99001_stopping") for name in ("true", PLUS)
+        per_frame_m(both, OFFSET_SIZE, name, "99001_stopping") for name in ("true", PLUS)
     )
     assert true is not None
     assert predicted is not None
     np.testing.assert_allclose(predicted, 0.5 * true, rtol=1e-5)
-    assert frames_m(both, OFFSET_SIZE, "smpl", "99001_stopping") is None
+    assert per_frame_m(both, OFFSET_SIZE, "smpl", "99001_stopping") is None
 
 
 def test_a_captured_truth_is_judged_whole_and_in_parts(tmp_path):

@@ -11,7 +11,7 @@ from bridge.tissue.trained_plus import TrainedPlus, known_person
 from dsnet.onnx.onnx_graph import Graph, GraphSession
 from dsnet.onnx.tissue_graph import Person, SheetGraph, known_people, person_of
 from dsnet.verify import draws
-from dsnet.verify.reference.oscillators import Sheet, coefficients
+from dsnet.verify.reference.oscillators import Oscillators, coefficients
 
 BODY = load_body_model("embedded:female")
 MODEL = TrainedPlus.from_arrays(draws.tissue(3, BODY))
@@ -45,7 +45,7 @@ def test_the_known_are_known(found):
 
 def test_rest_is_the_sheets():
     mechanics = coefficients(MODEL, BODY, BETAS[2])
-    sheet = Sheet(mechanics, MODEL.nodes.laplacian.toarray())
+    sheet = Oscillators(mechanics, MODEL.nodes.laplacian.toarray())
     load = np.random.default_rng(5).normal(0, 8, (3, len(MODEL.nodes), 3)).astype(np.float32)
     graph = Graph()
     shapes = {"omega": 1, "stiffening": 1, "sag": 1, "normals": 3}

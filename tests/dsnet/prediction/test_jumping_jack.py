@@ -17,7 +17,7 @@ from bridge.motion import Motion, load_motion, unpack_theta
 from dsnet.prediction.load_model import TrainedModel
 from dsnet.prediction.moving_body import MovingBody, place_motion
 from dsnet.prediction.shape_space import with_betas_on
-from dsnet.verify.reference.oscillators import moving
+from dsnet.verify.reference.oscillators import node_offsets
 
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
 pytestmark = [
@@ -75,7 +75,7 @@ def test_what_is_left_is_the_sag_of_where_the_arms_hang(jumped, flesh):
     """The template's arms are raised: hanging, they feel gravity and do not return to zero."""
     motion, mean_mm = jumped
     last = motion.theta[-1:]
-    sag_m = moving(flesh, BODY, last, motion.betas)
+    sag_m = node_offsets(flesh, BODY, last, motion.betas)
     sag_mm = 1e3 * np.linalg.norm(flesh.nodes.spread(sag_m)[0], axis=-1)
     arms = BODY.weights[:, 16:22].sum(axis=1) > 0.5
     assert sag_mm[arms].mean() > 3 * sag_mm[~arms].mean()

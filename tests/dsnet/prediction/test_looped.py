@@ -19,7 +19,7 @@ from dsnet.prediction.models import (
     predict_loop,
     predict_whole,
 )
-from dsnet.verify.reference.oscillators import moving
+from dsnet.verify.reference.oscillators import node_offsets
 from tests.forged.cyclic import circling
 
 BODY = load_body_model("embedded:female")
@@ -43,7 +43,7 @@ def test_it_is_a_late_lap_of_many(flesh, lap_frames, look_ahead):
     lap = lap_of(circling(lap_frames + 1, lap_frames))
     found = offsets_of(predict_loop(partial(predict_whole, PlusModel(model, BODY)), lap, BETAS))
     count = 1 + 600 // lap_frames
-    long = moving(model, BODY, circling((count + 1) * lap_frames, lap_frames), BETAS)
+    long = node_offsets(model, BODY, circling((count + 1) * lap_frames, lap_frames), BETAS)
     expected = model.nodes.spread(long[(count - 1) * lap_frames : count * lap_frames])
     assert found.shape == expected.shape
     assert np.abs(expected).max() > 2e-3

@@ -17,7 +17,7 @@ from dsnet.prediction.controls import Controls
 from dsnet.prediction.models import FRAMES_AT_ONCE, PlusModel, predict_whole
 from dsnet.prediction.moving_body import place_motion
 from dsnet.prediction.prediction_files import predict_motion
-from dsnet.verify.reference.oscillators import moving
+from dsnet.verify.reference.oscillators import node_offsets
 from tests.forged.amass import save, smplh
 
 BODY = load_body_model("embedded:female")
@@ -49,7 +49,7 @@ def test_pieces_are_the_whole_motion(flesh, tmp_path, look_ahead, frames):
     model = replace(flesh, look_ahead=look_ahead)
     found = predict_whole(PlusModel(model, BODY), theta, betas)
     assert found.latents is None
-    expected = model.nodes.spread(moving(model, BODY, theta, betas))
+    expected = model.nodes.spread(node_offsets(model, BODY, theta, betas))
     np.testing.assert_allclose(whole(found), expected, atol=1e-6)
 
 

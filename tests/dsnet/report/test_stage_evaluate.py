@@ -12,7 +12,7 @@ from bridge.body import load_body_model, pose_vertices
 from bridge.body.posing import shaped_vertices
 from bridge.motion import MotionSequence, sequences_of, to_manifest, unpack_theta
 from bridge.runs import Run, write_artifact
-from dsnet.evaluation.evaluation import MESH_ERROR, evaluate_run, frames_m
+from dsnet.evaluation.evaluation import MESH_ERROR, evaluate_run, per_frame_m
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_errors_are_those_of_posed_meshes(evaluated, name, row):
     np.testing.assert_allclose(errors["dsnet_small"]["r2"], r2, rtol=1e-6)
     np.testing.assert_allclose(errors["dsnet_small"]["mean_mm"], distance_mm.mean(), rtol=1e-6)
     np.testing.assert_allclose(errors["smpl"]["mean_mm"], plain_mm.mean(), rtol=1e-6)
-    frames = frames_m(evaluated.artifact("evaluate"), MESH_ERROR, "dsnet_small", name)
+    frames = per_frame_m(evaluated.artifact("evaluate"), MESH_ERROR, "dsnet_small", name)
     assert frames is not None
     np.testing.assert_allclose(1e3 * frames, distance_mm.mean(axis=1), rtol=1e-5)
 
@@ -184,7 +184,7 @@ def test_what_is_not_compared_has_no_numbers(evaluated):
     assert set(result["errors"]["smpl"]) == {"mesh", "offsets"}
     moving = {"mesh", "offsets", "velocity", "spectrum"}
     assert set(result["errors"]["dsnet_small"]) == moving
-    assert frames_m(evaluate, MESH_ERROR, "autoencoder", "99001_kicking") is None
+    assert per_frame_m(evaluate, MESH_ERROR, "autoencoder", "99001_kicking") is None
     assert evaluate.array("mesh_error_autoencoder").shape == (22,)
     assert evaluate.array("mesh_error_smpl").shape == (34,)
     for name in evaluate.manifest["arrays"]:

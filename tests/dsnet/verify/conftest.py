@@ -1,4 +1,4 @@
-"""An engine without a framework: the reference in this process, with the faults it is given."""
+"""An engine without a framework: the reference in this process, with planted faults."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ import pytest
 
 from bridge.exchange.engine import Tensors, answer
 from dsnet.verify.checks import random_checks
-from dsnet.verify.engines import Answer, Ask, Check
+from dsnet.verify.engines import Check, EngineResult, RunEngine
 from dsnet.verify.reference import dsnet
 from dsnet.verify.reference.engine import OPERATIONS
 
 
 @pytest.fixture(scope="session")
 def checks() -> list[Check]:
-    """All that need no run."""
+    """All checks that need no run."""
     return random_checks(0, "embedded:female")
 
 
 @pytest.fixture(scope="session")
-def ask_reference() -> Ask:
-    """In place of `bridge.exchange.engine.ask`."""
-    return _ask
+def run_reference() -> RunEngine:
+    """In place of `dsnet.verify.engines.run_engine`."""
+    return _run
 
 
-def _ask(engine: str, request: Path, out: Path) -> Answer:
-    """Answer for any engine in place of its process; float32 is the float64 result, rounded."""
+def _run(engine: str, request: Path, out: Path) -> EngineResult:
+    """The reference in place of any engine's process; float32 is the float64 result, rounded."""
     out.mkdir(parents=True)
     operations = {op.__name__: partial(_rounded, op) for op in OPERATIONS}
     answer(engine, request, out, operations, ["numpy"])
-    return Answer(out, **json.loads((out / "answer.json").read_text()))
+    return EngineResult(out, **json.loads((out / "answer.json").read_text()))
 
 
 def _rounded(

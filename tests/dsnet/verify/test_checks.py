@@ -112,7 +112,7 @@ def trained_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     return Run("r")
 
 
-def test_a_runs_own_weights_are_checked(trained_run, tmp_path, ask_reference):
+def test_a_runs_own_weights_are_checked(trained_run, tmp_path, run_reference):
     checks = trained_checks(trained_run)
     assert {check.op for check in checks} == {
         "dsnet_forward",
@@ -121,7 +121,7 @@ def test_a_runs_own_weights_are_checked(trained_run, tmp_path, ask_reference):
         "ae_forward",
         "ae_train",
     }
-    rows, answers = verify(checks, tmp_path / "work", run_engine=ask_reference)
+    rows, answers = verify(checks, tmp_path / "work", run=run_reference)
     assert all(row.passed for row in rows)
     assert {row.engine for row in rows} == {"torch", "keras", "stream"}
     names = list(load_tensors(answers["numpy"].folder / "ae-trained.float64.safetensors"))
@@ -135,7 +135,7 @@ def test_a_run_without_networks_has_no_checks_of_its_own(tmp_path, monkeypatch):
     assert trained_checks(Run("none")) == []
 
 
-def test_graphs_of_a_runs_own_predictors_are_checked(tmp_path, monkeypatch, ask_reference):
+def test_graphs_of_a_runs_own_predictors_are_checked(tmp_path, monkeypatch, run_reference):
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
     rng, body = np.random.default_rng(1), load_body_model("embedded:female")
     arrays = {
@@ -153,7 +153,7 @@ def test_graphs_of_a_runs_own_predictors_are_checked(tmp_path, monkeypatch, ask_
     write_plus(Run("r"), TrainedPlus.from_arrays(draws.tissue(0, body)))
     checks = trained_checks(Run("r"))
     assert [check.op for check in checks] == ["plus_graph"]
-    (row,), answers = verify(checks, tmp_path / "work", run_engine=ask_reference)
+    (row,), answers = verify(checks, tmp_path / "work", run=run_reference)
     assert row.passed
     answer = answers["numpy"].folder / "plus-graph-trained.float64.safetensors"
     assert list(load_tensors(answer)) == ["layer/vertices"]

@@ -113,9 +113,9 @@ def test_no_number_on_either_side_agrees_with_nothing():
 
 
 @pytest.mark.parametrize("left_out", [False, True])
-def test_what_is_left_out_is_not_compared(tmp_path, ask_reference, left_out):
+def test_what_is_left_out_is_not_compared(tmp_path, run_reference, left_out):
     def ask(engine, request, out):
-        answer = ask_reference(engine, request, out)
+        answer = run_reference(engine, request, out)
         if engine == "torch":
             path = out / "clip.float64.safetensors"
             arrays = load_tensors(path)
@@ -123,19 +123,19 @@ def test_what_is_left_out_is_not_compared(tmp_path, ask_reference, left_out):
         return answer
 
     check = replace(CLIP, leave_out=("layer/lstm",) if left_out else ())
-    (row,), _ = verify([check], tmp_path / "work", run_engine=ask)
+    (row,), _ = verify([check], tmp_path / "work", run=ask)
     assert row.passed == left_out
 
 
 @pytest.mark.parametrize("silent", ["torch", "numpy"])
-def test_an_engine_without_a_result_is_a_row_that_fails(tmp_path, ask_reference, silent):
+def test_an_engine_without_a_result_is_a_row_that_fails(tmp_path, run_reference, silent):
     def ask(engine, request, out):
-        answer = ask_reference(engine, request, out)
+        answer = run_reference(engine, request, out)
         if engine != silent:
             return answer
         (out / "clip.float64.safetensors").unlink()
         return replace(answer, errors={"clip.float64": "ValueError: too tired"})
 
-    (row,), _ = verify([CLIP], tmp_path / "work", run_engine=ask)
+    (row,), _ = verify([CLIP], tmp_path / "work", run=ask)
     assert not row.passed
     assert (row.engine, row.problem) == (silent, "ValueError: too tired")

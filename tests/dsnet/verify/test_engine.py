@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bridge.exchange.engine import answer, load_tensors
-from dsnet.verify.engines import ENGINES, Check, ask, write_requests
+from dsnet.verify.engines import ENGINES, Check, run_engine, write_requests
 
 DRAWN = np.random.default_rng(0).normal(size=5).astype(np.float32)
 STREAM = Check("bad", "dsnet_stream", {}, inputs={"offsets": np.zeros((1, 2), np.float32)})
@@ -55,7 +55,7 @@ def test_arrays_come_in_the_cases_precision_and_start_from_the_same_numbers(tmp_
 def test_a_case_that_raises_is_an_answer_and_the_others_go_on(tmp_path):
     odd, never = Check("odd", "no_such_operation", {}), Check("never asked", "smpl", {})
     write_requests(tmp_path / "request", {"numpy": [STREAM, odd]})
-    said = ask("numpy", tmp_path / "request", tmp_path / "out")
+    said = run_engine("numpy", tmp_path / "request", tmp_path / "out")
     assert not said.failure
     assert set(said.errors) == {"bad.float64", "odd.float64"}
     assert "offsets" in said.why_missing(STREAM, "float64")
@@ -66,7 +66,7 @@ def test_a_case_that_raises_is_an_answer_and_the_others_go_on(tmp_path):
 
 def test_an_engine_that_dies_is_an_answer(tmp_path, monkeypatch):
     monkeypatch.setitem(ENGINES, "torch", "no_such_module")
-    said = ask("torch", tmp_path, tmp_path / "out")
+    said = run_engine("torch", tmp_path, tmp_path / "out")
     assert "no_such_module" in said.why_missing(STREAM, "float64")
     assert "\n" not in said.failure
 

@@ -8,14 +8,21 @@ from pathlib import Path
 import pytest
 
 from dsnet.verify.compare import Row, diagnose, verify
-from dsnet.verify.engines import ENGINES, Answer, Ask, Check, ask, write_requests
+from dsnet.verify.engines import (
+    ENGINES,
+    Check,
+    EngineResult,
+    RunEngine,
+    run_engine,
+    write_requests,
+)
 from tests.forged.faults import FAULTS, FAULTY, shown_by_torch, spoilt
 
 
 @pytest.fixture(scope="module", params=["stand-in", "torch"])
 def rows(
     request: pytest.FixtureRequest,
-    ask_reference: Ask,
+    run_reference: RunEngine,
     checks: list[Check],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> list[Row]:
@@ -29,17 +36,17 @@ def rows(
     for name, fault in FAULTS.items():
         own = _named(whole, name, {fault.check})
         right, faulty = right + own, faulty + spoilt(own, name)
-    run_engine = ask if request.param == "torch" else ask_reference
+    run = run_engine if request.param == "torch" else run_reference
 
-    def ask_mistaken(engine: str, request: Path, out: Path) -> Answer:
+    def run_faulty(engine: str, request: Path, out: Path) -> EngineResult:
         if engine == FAULTY:
             request = folder / "spoilt"
             write_requests(request, {engine: faulty})
-        return run_engine(engine, request, out)
+        return run(engine, request, out)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(ENGINES, FAULTY, "tests.forged.faulty_torch")
-        return verify(right, folder, ask_mistaken)[0]
+        return verify(right, folder, run_faulty)[0]
 
 
 def _named(checks: list[Check], prefix: str, names: set[str]) -> list[Check]:

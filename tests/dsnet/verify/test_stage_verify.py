@@ -17,7 +17,7 @@ CONFIG = stage_verify.VerifyConfig(run="r", trained=False, full_size=False)
 
 
 @pytest.fixture
-def verify(tmp_path, monkeypatch, ask_reference, checks, capsys):
+def verify(tmp_path, monkeypatch, run_reference, checks, capsys):
     """Run the stage on three quick checks without a framework: exit status and printed text."""
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
     quick = ("dsnet-T1", "ae-batch", "ae-decoder", "dsnet-training")
@@ -26,7 +26,7 @@ def verify(tmp_path, monkeypatch, ask_reference, checks, capsys):
     spoilt = {"engine": "", "value": 0.0}
 
     def ask(engine, request, out):
-        answer = ask_reference(engine, request, out)
+        answer = run_reference(engine, request, out)
         if engine == spoilt["engine"]:
             _shift(out / "ae-batch.float32.safetensors", spoilt["value"])
         return answer

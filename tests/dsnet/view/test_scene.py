@@ -43,7 +43,7 @@ def test_a_truth_of_another_pose_stands_where_it_stood(repertoire):
     take, sequence = repertoire.takes[JUMP], "50004_jump"
     true = TurnedTruth(**vars(repertoire.truth))
     found_m = track_m(Scene(replace(repertoire, truth=true)).assets["track0_truth"]())
-    frames = np.array([0, 33, true.places[sequence].length - 1])
+    frames = np.array([0, 33, true.sequences[sequence].length - 1])
     betas = np.tile(true.betas(sequence), (len(frames), 1))
     theta = true.frames("theta", sequence, frames)
     offsets_m = true.offsets_m(sequence, slice(None))[frames]
@@ -76,7 +76,7 @@ def test_where_the_graph_may_not_go_places_are_baked(repertoire):
     assert {"graph", "root_joint", "root_joint_shapes"}.isdisjoint(facts)
     assert (numbers(facts["bone_weight"], "<f4") == 1).all()
     motion = repertoire.takes[JUMP].read()
-    motion = motion.frames(slice(repertoire.truth.places["50004_jump"].length))
+    motion = motion.frames(slice(repertoire.truth.sequences["50004_jump"].length))
     moved_m = np.concatenate(
         [part.vertices_m for part in MovingBody(repertoire.open("dsnet_plus"), motion)]
     )

@@ -25,6 +25,6 @@ def test_a_stream_is_the_whole_clip(look_ahead):
     offsets_m = np.concatenate(list(predict_whole(PlusModel(model, BODY), theta, betas).offsets_m))
     shapes = np.tile(betas, (len(theta), 1))
     whole = pose_vertices(BODY, shapes, *unpack_theta(theta), offsets_m)
-    found = oscillators.posed(model, BODY, theta, betas)
+    found = oscillators.posed_vertices(model, BODY, theta, betas)
     np.testing.assert_allclose(found[look_ahead:], whole[: len(whole) - look_ahead], atol=1e-6)
     assert np.abs(offsets_m).max() > 1e-3
