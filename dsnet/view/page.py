@@ -17,7 +17,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 from bridge.errors import DsnetError
-from dsnet.exporters.output import about_in_a_line
+from dsnet.exporters.output import facts_in_a_line
 from dsnet.prediction.moving_body import MovingBody
 from dsnet.view.clip_list import ClipList, clip_of, path_title
 from dsnet.view.scene import BUNDLE, Scene
@@ -64,7 +64,7 @@ def write(path: Path, moving: MovingBody, *others: MovingBody) -> None:
         truth=truth,
     )
     text = document(
-        Scene(clip_list, moving.controls, moving.loop), about_in_a_line(moving, *others)
+        Scene(clip_list, moving.controls, moving.loop), facts_in_a_line(moving, *others)
     )
     path.write_text(text, encoding="utf-8", newline="\n")
 

@@ -16,7 +16,7 @@ from bridge.motion import load_motion_file
 from bridge.runs import read_artifact
 from dsnet.cli import main
 from dsnet.exporters.clip_pictures import RenderedClip
-from dsnet.exporters.output import about_in_a_line
+from dsnet.exporters.output import facts_in_a_line
 from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.moving_body import place_motion
 from dsnet.report.panels import footer
@@ -151,4 +151,4 @@ def test_hands_are_no_flesh_in_pages_and_clips(tmp_path):
     np.testing.assert_allclose(body_m, alone_m, atol=1e-3)
     assert trained.shows == "synthetic flesh"
     assert "licensed" in footer(trained.shows)
-    assert about_in_a_line(moving).startswith("synthetic flesh data")
+    assert facts_in_a_line(moving).startswith("synthetic flesh data")
