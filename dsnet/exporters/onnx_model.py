@@ -67,7 +67,7 @@ def precision_error_mm(exact: onnx.ModelProto, reduced: onnx.ModelProto) -> dict
     theta[..., -3:] = 0
     theta[..., -2] = _HOP_M * np.abs(np.sin(8 * times_s[..., 0]))
     theta, betas = theta.astype(np.float32), betas.astype(np.float32)
-    difference_m = GraphSession(reduced).rolled(theta, betas) - session.rolled(theta, betas)
+    difference_m = GraphSession(reduced).rollout(theta, betas) - session.rollout(theta, betas)
     error_mm = 1e3 * np.linalg.norm(difference_m, axis=-1)
     statistics = error_mm.mean(), np.percentile(error_mm, 99), error_mm.max()
     return dict(zip(("mean_mm", "percentile_99_mm", "max_mm"), map(float, statistics), strict=True))

@@ -95,7 +95,7 @@ def test_the_exported_graph_gives_what_it_predicts(run, predicted, tmp_path):
     main(["export", "--to", "onnx", *ASKED, "--out", str(path)])
     motion = Stream("r", "gru").placed(load_motion_file(Path(MOTION)))
     theta, betas = (array.astype(np.float32) for array in (motion.theta, motion.betas))
-    found_m = GraphSession(onnx.load_model(path)).rolled(theta[:, None], betas[None])[:, 0]
+    found_m = GraphSession(onnx.load_model(path)).rollout(theta[:, None], betas[None])[:, 0]
     np.testing.assert_allclose(found_m, predicted["vertices"], atol=1e-5)
 
 
