@@ -1,4 +1,4 @@
-"""Load the body that comes with the package, give it a shape, and see what that changes."""
+"""Load the body that comes with the package, and change its shape by the first beta."""
 
 import numpy as np
 

@@ -11,7 +11,8 @@ import dsnet
 
 motion = dsnet.load_motion(sys.argv[1] if len(sys.argv) > 1 else "sample:jumping_jacks")
 print(f"{motion.source}: {len(motion.theta)} frames, {motion.duration_s:.2f} s")
-print(f"recorded at {motion.source_fps:g} frames a second, of a {motion.gender} body")
+print(f"recorded at {motion.source_fps:g} frames a second, gender {motion.gender}")
 print(f"the root rises by {100 * np.ptp(motion.trans_m[:, 1]):.0f} cm")  # trans_m is (T, 3)
-turns_rad = np.ptp(motion.pose, axis=0).max(axis=-1)  # pose is (T, 22, 3) axis-angle
-print(f"joint {turns_rad.argmax()} turns most: by {np.degrees(turns_rad.max()):.0f} degrees")
+ranges_rad = np.ptp(motion.pose, axis=0).max(axis=-1)  # pose is (T, 22, 3) axis-angle
+joint = ranges_rad.argmax()
+print(f"joint {joint} turns most: by {np.degrees(ranges_rad[joint]):.0f} degrees")

@@ -4,20 +4,20 @@ import numpy as np
 
 import dsnet
 
-bodies = dsnet.Stream(fps=60)  # of the package; Stream("demo") takes that run's best
-motion = bodies.placed(dsnet.load_motion("sample:jumping_jacks"))  # or a file of yours
+stream = dsnet.Stream(fps=60)  # Stream("demo") uses the best predictor of that run
+motion = stream.placed(dsnet.load_motion("sample:jumping_jacks"))  # or a file of yours
 
-anna = bodies.join(motion.betas)
+anna = stream.join(motion.betas)
 bella = None
-print(f"answers are {1000 * bodies.latency_s:.0f} ms late")
+print(f"results are {1000 * stream.latency_s:.0f} ms late")
 for frame in range(120):
     if frame == 60:
-        bella = bodies.join(np.array([2.0, *np.zeros(9)]))
-    poses = {who: motion.theta[frame] for who in (anna, bella) if who is not None}
-    moved = bodies.step(poses)
+        bella = stream.join(np.array([2.0, *np.zeros(9)]))
+    poses = {number: motion.theta[frame] for number in (anna, bella) if number is not None}
+    moved = stream.step(poses)
     if frame % 30 == 29:
-        for who, body in moved.items():
+        for number, body in moved.items():
             offset_mm = 1e3 * np.linalg.norm(body.offsets_m, axis=-1).max()
-            print(f"frame {frame:3d}, character {who}: skin off by up to {offset_mm:.1f} mm")
-bodies.leave(anna)
-print(f"still there: {bodies.characters}")
+            print(f"frame {frame:3d}, character {number}: offsets of up to {offset_mm:.1f} mm")
+stream.leave(anna)
+print(f"remaining characters: {stream.characters}")

@@ -1,9 +1,9 @@
-"""Take it into your tools: a point cache of the motion, and one graph for any other motion.
+"""Export to other tools: a motion as a point cache, and the predictor as an ONNX graph.
 
 python examples/06_export.py [OUT]
 
-`dsnet export --to usd`, `obj`, `gif` and others do the same from the command line: docs/export.md.
-What exists is never overwritten.
+`dsnet export` does the same from the command line; docs/export.md has all formats. Existing files
+are never overwritten.
 """
 
 import sys

@@ -2,9 +2,9 @@
 
 python examples/07_train_on_your_own_meshes.py SMPL_FEMALE.npz MESHES.h5 [MESHES.h5 ...]
 
-The first file is the SMPL model whose faces the meshes share, the others hold them as Dyna's and
-D-FAUST's files do, (V, 3, T) metres at 60 frames a second: docs/data.md. What the commands make
-lies in runs/mine; stopped ones go on where they were.
+The first file is the SMPL model whose topology the meshes have. The others hold the meshes in the
+format of Dyna and D-FAUST, (V, 3, T) metres at 60 frames a second: docs/data.md. Results are
+written to runs/mine; an interrupted command continues when it is run again.
 """
 
 import subprocess
@@ -14,7 +14,7 @@ import dsnet
 
 
 def stage(*command: str) -> None:
-    """A stage of training, which is a process of its own; one that fails has said why."""
+    """Run a stage as a process; if it fails, it has printed why."""
     if status := subprocess.call([sys.executable, "-m", "dsnet.cli", *command]):
         sys.exit(status)
 

@@ -1,8 +1,8 @@
-"""Does Keras compute what NumPy says? SMPL posed by both (needs the extra `train`).
+"""Compare SMPL in Keras with SMPL in NumPy (needs the extra `train`).
 
 python examples/08_verify.py
 
-`dsnet verify --run RUN` asks this of every layer, gradient and training step, in four engines.
+`dsnet verify --run RUN` compares every layer, gradient and training step in four engines.
 """
 
 import numpy as np

@@ -1,8 +1,9 @@
-"""Write a dataset with flesh: the skin offsets of every motion below a folder.
+"""Write a dataset with soft tissue: the skin offsets of every motion below a folder.
 
 python examples/10_write_a_dataset.py [FOLDER [OUT]]
 
-Without a folder, two samples stand for AMASS. A killed run goes on where it was; as a command:
+Without a folder, two samples are used. An interrupted run continues when it is run again. The same
+as a command:
 dsnet predict --motion AMASS --out OUT --write offsets16
 """
 
@@ -15,8 +16,8 @@ import dsnet
 from bridge import read_artifact
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "motions")
-out = Path(sys.argv[2] if len(sys.argv) > 2 else "flesh")
-if __name__ == "__main__":  # the workers are processes, which import this file
+out = Path(sys.argv[2] if len(sys.argv) > 2 else "offsets")
+if __name__ == "__main__":  # needed, as worker processes import this file
     if not folder.exists():
         for name in ("walk_cycle", "jumping_jacks"):
             (folder / name).mkdir(parents=True)
@@ -24,6 +25,6 @@ if __name__ == "__main__":  # the workers are processes, which import this file
             shutil.copy(str(sample), folder / name / f"{name}_poses.npz")
     dsnet.predict(folder, out, write=["offsets16"])
     for path in sorted(out.rglob("manifest.json")):
-        made = read_artifact(path.parent)
-        offsets_m = made.array("offsets")  # (T, V, 3) float16, in the rest pose, memory-mapped
-        print(f"{path.parent.relative_to(out)}: {offsets_m.shape} of {made.manifest['source']}")
+        artifact = read_artifact(path.parent)
+        offsets_m = artifact.array("offsets")  # (T, V, 3) float16, in the rest pose, memory-mapped
+        print(f"{path.parent.relative_to(out)}: {offsets_m.shape} of {artifact.manifest['source']}")

@@ -1,4 +1,4 @@
-"""The TensorFlow half of dsnet: from latents and motions to predictions, and to vertices."""
+"""DSNet, its training, the mesh autoencoder and SMPL in TensorFlow and Keras."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from tf_dsnet.model import build_dsnet
     from tf_dsnet.smpl import KerasSMPL, unpose
 
-    StreamingPredictor: Any  # of dsnet, which no framework's package imports
+    StreamingPredictor: Any  # from dsnet, which this package does not import
 
 __all__ = ["KerasMeshAutoencoder", "KerasSMPL", "StreamingPredictor", "build_dsnet", "unpose"]
 _LOADED_LATE = {
@@ -21,7 +21,7 @@ _LOADED_LATE = {
 
 
 def __getattr__(name: str) -> Any:
-    # TensorFlow and ONNX Runtime are loaded only for what computes with them.
+    # Lazily, so that TensorFlow and ONNX Runtime are loaded only when they are needed.
     if name in _LOADED_LATE:
         return getattr(import_module(_LOADED_LATE[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

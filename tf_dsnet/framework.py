@@ -11,15 +11,15 @@ from bridge.installation import require_packages_of
 require_packages_of("tf_dsnet")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 os.environ.setdefault("TF_FORCE_GPU_ALLOW_GROWTH", "true")
-# Threads of one small operation wait for one another: with one, `train` takes a quarter less time,
-# and no bit depends on how many cores there are, for they would split its sums.
+# With one thread an operation `train` takes a quarter less time, as its operations are small, and
+# results do not depend on the number of cores, among which sums would be split.
 os.environ.setdefault("TF_NUM_INTRAOP_THREADS", "1")
-# A user's KERAS_BACKEND=torch would load PyTorch into this process.
+# Set always: KERAS_BACKEND=torch in the environment would load PyTorch into this process.
 os.environ["KERAS_BACKEND"] = "tensorflow"
 
 
-# TensorFlow's C++ logs about oneDNN and CUDA while it loads, before it reads TF_CPP_MIN_LOG_LEVEL;
-# a failure is an exception, which says why.
+# While TensorFlow loads, its C++ code logs about oneDNN and CUDA to stderr, before it reads
+# TF_CPP_MIN_LOG_LEVEL. If loading fails, the exception says why.
 sys.stderr.flush()
 _STDERR = os.dup(2)
 with open(os.devnull, "wb") as _nowhere:
@@ -32,20 +32,19 @@ finally:
     os.close(_STDERR)
 
 Tensor: TypeAlias = Any
-"""A tensor or an array: TensorFlow's own annotations refuse arrays, and `...` in an index."""
+"""A tensor or an array: TensorFlow's annotations accept neither arrays nor `...` as an index."""
 
 __all__ = ["Tensor", "be_reproducible", "keras", "tf"]
 
 
 def be_reproducible(seed: int) -> None:
-    """The one place that says what TensorFlow needs so that two runs give the same bits.
+    """Make TensorFlow compute the same bits in every run, for the rest of the process.
 
-    For the rest of the process: a seed for initial weights, and operations that add in a fixed
-    order, also on a GPU.
+    Seeds the initial weights, and makes operations add in a fixed order, also on a GPU.
     """
     keras.utils.set_random_seed(seed)
     tf.config.experimental.enable_op_determinism()
-    # An AddN begins with whichever of its terms another thread is done with. Neither a + b + c nor
-    # the gradient of what is used three times may become one: of two terms any order will do.
+    # An AddN adds its terms in the order in which threads finish. So a + b + c, and gradients of a
+    # value that is used three times, must not become an AddN; two terms have no order.
     tf.config.optimizer.set_experimental_options({"arithmetic_optimization": False})
     tf.AggregationMethod.DEFAULT = tf.AggregationMethod.EXPERIMENTAL_TREE

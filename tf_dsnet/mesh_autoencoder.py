@@ -1,7 +1,7 @@
 """Figure 3's autoencoder in Keras, the twin of `torch_align_ae/autoencoder/mesh_autoencoder.py`.
 
-The product trains it in PyTorch. The twin lets a Keras-only user encode and decode, and lets
-`dsnet verify` compare the two. Layers have PyTorch's names, `encoder.conv_1` and so on.
+It is trained in PyTorch. This one is for users of Keras alone, who can encode and decode with it,
+and for `dsnet verify`, which compares the two. Layers have PyTorch's names, as `encoder.conv_1`.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from tf_dsnet.model import assign_variables
 
 @keras.saving.register_keras_serializable("dsnet")
 class LeakyReLU(keras.layers.LeakyReLU):
-    """Keras's layer, in which TensorFlow rounds the slope to float32 whatever the precision."""
+    """Keras's layer without its fault that the slope is rounded to float32 in any precision."""
 
     def call(self, inputs: Tensor) -> Tensor:
-        """Scale what is not above zero, as PyTorch does: the slope at zero is the one below."""
+        """Scale numbers up to 0; the derivative at 0 is that below, as in PyTorch."""
         return tf.where(inputs > 0, inputs, self.negative_slope * inputs)
 
 
 class KerasMeshAutoencoder:
     """The paper's mesh autoencoder (Section 4.1, Figure 3); works on normalised offsets.
 
-    `encoder`, `decoder`, and `model`, one after the other, are Keras models; the latter is the one
-    to save as `.keras`. Weights come from PyTorch (`assign_weights`); fresh ones are Keras's own.
-    `widths` are the vertices of the mesh, then after each convolution.
+    `encoder`, `decoder`, and `model`, which is both in a row, are Keras models; save `model` as
+    `.keras`. `assign_weights` sets weights from PyTorch; new ones are initialised by Keras.
+    `widths` are the number of vertices of the mesh and after each convolution.
     """
 
     def __init__(self, widths: tuple[int, ...] = INFERRED_WIDTHS) -> None:
         self.widths = tuple(widths)
         self.encoder, self.decoder = self._encoder(), self._decoder()
         values = keras.Input((self.widths[0], FEATURES[0]), name="values")
-        both = self.decoder(self.encoder(values))
-        self.model = keras.Model(values, both, name="mesh_autoencoder")
+        restored = self.decoder(self.encoder(values))
+        self.model = keras.Model(values, restored, name="mesh_autoencoder")
 
     def _encoder(self) -> keras.Model:
         values = keras.Input((self.widths[0], FEATURES[0]), name="values")
@@ -64,10 +64,10 @@ class KerasMeshAutoencoder:
         return keras.Model(latents, values, name="decoder")
 
     def _convolutions(self, features: Tensor, side: str, widths: tuple[int, ...]) -> Tensor:
-        """Mix vertices, (B, in, 9) to (B, out, 9).
+        """Convolutions over vertices, (B, in, 9) to (B, out, 9).
 
-        A convolution of kernel 1 over vertices as channels is a matrix product, which TensorFlow
-        does twice as fast as a `Conv1D`.
+        With kernel size 1 and vertices as channels each is a matrix product, which TensorFlow
+        computes twice as fast as a `Conv1D`.
         """
         features = keras.layers.Permute((2, 1), name=f"{side}.vertices_last")(features)
         for number, width in enumerate(widths, start=1):
@@ -75,7 +75,7 @@ class KerasMeshAutoencoder:
         return keras.layers.Permute((2, 1), name=f"{side}.vertices_first")(features)
 
     def _linear(self, features: Tensor, name: str, width: int) -> Tensor:
-        """A linear layer on the last axis and the nonlinearity, a layer of its own."""
+        """A linear layer on the last axis, and its nonlinearity as a separate layer."""
         features = keras.layers.Dense(width, name=name)(features)
         return LeakyReLU(NEGATIVE_SLOPE, name=f"{name}_activation")(features)
 
@@ -95,14 +95,14 @@ def named_weights(model: keras.Model) -> dict[str, NDArray]:
 
 def assign_weights(model: keras.Model, weights: Mapping[str, NDArray]) -> None:
     """Set all weights of `KerasMeshAutoencoder.model` from arrays named as by PyTorch."""
-    given = mesh_autoencoder_to_keras(weights)
-    assign_variables(named_variables(model), given, "the autoencoder")
+    arrays = mesh_autoencoder_to_keras(weights)
+    assign_variables(named_variables(model), arrays, "the autoencoder")
 
 
 class TorchAdam(keras.optimizers.Adam):
-    """Adam whose epsilon stands where PyTorch has it: beside the moment after its correction.
+    """Adam as in PyTorch, which trains the autoencoder: epsilon is added after bias correction.
 
-    The autoencoder is trained so. For eager steps only, as each of them has another epsilon.
+    For eager steps only, as Keras's epsilon must change with each step for that.
     """
 
     def __init__(self) -> None:

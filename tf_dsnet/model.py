@@ -27,12 +27,12 @@ def build_dsnet(
     Parameters
     ----------
     masked : take a second input (B, T), True for real frames, and leave padded frames out of the
-        statistics of the batch normalisation. The paper mentions no mask, so the default lets
-        them in. The weights are the same in both forms, and so are predictions: the LSTM needs
-        no mask, for padding stands at the end and time runs forwards.
-    lstm_layer : Keras's LSTM, or one that computes the same, as `BlockLSTM` does.
-    input_size : numbers that it is told of a motion at each frame, where they are not the paper's.
-    widths : units of layers by name; the paper's for those that are left out.
+        statistics of the batch normalisation. The paper mentions no mask, so by default they
+        are included. Weights have the same shapes either way. The LSTM needs no mask, as padding
+        comes after the real frames.
+    lstm_layer : Keras's LSTM, or a layer that computes the same, such as `BlockLSTM`.
+    input_size : numbers of a motion at each frame.
+    widths : units of layers by name; those that are missing are the paper's.
     """
     units = {**DSNET_WIDTHS, **widths}
     fc_enc_1 = keras.layers.Dense(units["fc_enc_1"], name="fc_enc_1")
@@ -50,15 +50,15 @@ def build_dsnet(
 
 
 def sum_of_distances(target: Tensor, predicted: Tensor, real: Tensor | None = None) -> Tensor:
-    """The paper's loss (Section 4.3): sum over t of ||predicted_t - target_t||_2, not squared, of
-    latents (B, T, 100), then the mean over the batch.
+    """The paper's loss (Section 4.3), of latents (B, T, 100).
 
-    Only frames that are `real` (B, T) count; all of them, padding too, when None. The gradient is 0
-    where a distance is 0.
+    It is the sum over t of ||predicted_t - target_t||_2, not squared, then the mean over the batch.
+    Only frames that are `real` (B, T) count; when None, all of them do, padding too. The gradient
+    is 0 where a distance is 0.
     """
     squared = tf.reduce_sum(tf.square(predicted - target), axis=-1)  # (B, T)
     nonzero = squared > 0.0
-    # The inner choice keeps the square root's infinite slope at 0 out of the gradient.
+    # The inner `where` keeps the infinite slope of the square root at 0 out of the gradient.
     distance = tf.where(nonzero, tf.sqrt(tf.where(nonzero, squared, 1.0)), 0.0)
     if real is not None:
         distance = tf.where(real, distance, 0.0)
@@ -66,9 +66,10 @@ def sum_of_distances(target: Tensor, predicted: Tensor, real: Tensor | None = No
 
 
 def with_own_names(model: keras.Model) -> keras.Model:
-    """The model, with names that Keras gave its layers counted within it.
+    """Number the layers that have Keras's automatic names within the model; gives the model.
 
-    Keras counts in the process: what was built before would change the names of weights in files.
+    Keras numbers them within the process, so models that were built before would change the names
+    of weights in files.
     """
     counts: Counter[str] = Counter()
     for layer in model.layers:
@@ -80,7 +81,7 @@ def with_own_names(model: keras.Model) -> keras.Model:
 
 
 def named_variables(model: keras.Model) -> dict[str, keras.Variable]:
-    """The model's own variables, named `<layer>/<variable>`, such as `fc_enc_1/kernel`."""
+    """The model's variables, named `<layer>/<variable>`, such as `fc_enc_1/kernel`."""
     return {
         f"{layer.name}/{variable.name}": variable
         for layer in model.layers
@@ -101,32 +102,32 @@ def assign_weights(model: keras.Model, weights: Mapping[str, NDArray]) -> None:
 def assign_variables(
     variables: Mapping[str, keras.Variable], weights: Mapping[str, NDArray], network: str
 ) -> None:
-    """Set a network's variables; refused if a name or a shape is not its own."""
-    wanted = {name: tuple(variable.shape) for name, variable in variables.items()}
+    """Set a network's variables; `DsnetError` if names or shapes are not those of the network."""
+    shapes = {name: tuple(variable.shape) for name, variable in variables.items()}
     remedy = "Pass weights written by `dsnet train` or `dsnet train-ae`, of the same architecture."
-    check_shapes(weights, wanted, f"{network}'s", remedy)
+    check_shapes(weights, shapes, f"{network}'s", remedy)
     for name, variable in variables.items():
         variable.assign(weights[name])
 
 
 def parameter_counts(model: keras.Model) -> dict[str, int]:
-    """Parameters of a built model: all, and those that training changes by gradients."""
+    """Parameters of a built model: all, and the trainable ones."""
     trainable = sum(int(variable.shape.num_elements()) for variable in model.trainable_variables)
     return {"dsnet": int(model.count_params()), "dsnet_trainable": trainable}
 
 
 class BlockLSTM(keras.layers.LSTM):
-    """`keras.layers.LSTM`, by TensorFlow's operation of the same name where that can do it.
+    """`keras.layers.LSTM` computed by TensorFlow's operation `BlockLSTM` where that is possible.
 
-    Weights, options and results are Keras's. On a CPU Keras loops over time in the graph, and
-    most of a frame's time goes by between operations, of which there are dozens; `BlockLSTM`
-    is one, forwards and backwards. It knows no mask, no dropout and no other activations, and
-    works in float32: everything else is left to Keras, and so are GPUs, where Keras has cuDNN.
+    Weights, options and results are Keras's. On a CPU Keras loops over time with dozens of small
+    operations a frame, whose overhead takes most of the time; `BlockLSTM` is one operation for all
+    frames, and so is its gradient. It supports no mask, no dropout and no other activations, and
+    float32 alone: all other cases are left to Keras, and so are GPUs, where Keras uses cuDNN.
     """
 
     def build(self, sequences_shape: Any, initial_state_shape: Any = None) -> None:
         super().build(sequences_shape, initial_state_shape)
-        # XLA does not know the operation, and `compile` would choose XLA of its own accord.
+        # XLA lacks the operation, and `compile` would choose XLA by default.
         self.supports_jit = False
 
     def inner_loop(
@@ -148,8 +149,8 @@ class BlockLSTM(keras.layers.LSTM):
         kernel = tf.concat([self.cell.kernel, self.cell.recurrent_kernel], 0)
         time_first = tf.transpose(sequences, (1, 0, 2))
         no_peephole = tf.zeros(self.units)
-        # Not `BlockLSTMV2`: its registered gradient is that of this one, whose gates are in
-        # another order.
+        # Not `BlockLSTMV2`: TensorFlow registers this operation's gradient for it, although its
+        # gates are in another order.
         _, memories, *_, outputs = tf.raw_ops.BlockLSTM(
             seq_len_max=tf.shape(time_first, out_type=tf.int64)[0],
             x=time_first,
@@ -167,6 +168,6 @@ class BlockLSTM(keras.layers.LSTM):
 
 
 def _gates_in_order(columns: Tensor) -> Tensor:
-    """Keras's gates (input, forget, cell, output) as the operation wants them: cell second."""
+    """Keras's gates (input, forget, cell, output) in the operation's order: cell second."""
     into, forget, cell, out = tf.split(columns, 4, axis=-1)
     return tf.concat([into, cell, forget, out], -1)

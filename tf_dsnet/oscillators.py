@@ -1,4 +1,4 @@
-"""The oscillators as a recurrent Keras layer, its steps through time, and a step of training.
+"""The oscillators of `dsnet_plus` as a recurrent Keras layer, and a step of their training.
 
 `bridge/tissue/oscillators.py` has the equations.
 """
@@ -19,11 +19,12 @@ from tf_dsnet.framework import Tensor, keras, tf
 
 _STEP_S = 1 / (STEPS * FPS)
 _QUIET_M = 2e-4
-"""Root mean square offset below which a clip counts no more for being quiet."""
+"""Root mean square offset below which a smaller one does not increase a clip's weight."""
 _QUIET_SHARE = 0.3
+"""Weight of the term of the loss in which clips with small offsets count as much as others."""
 Batch = Mapping[str, Tensor]
-"""What the layer is called with, `target` (T, K, B, 3), and `counted` (T, 1, B, 1): frames that
-are counted as 0 do not matter."""
+"""Arguments of the layer, `target` (T, K, B, 3), and `counted` (T, 1, B, 1), 0 for frames that do
+not count."""
 START = {
     "omega": 2 * np.pi * 7.0,
     "damping_ratio": 0.15,
@@ -35,26 +36,29 @@ START = {
     "inertia_gain": 1.0,
     "gravity_gain": 1.0,
 }
-"""Where training starts: firm flesh; the tissue's own numbers are found from the offsets."""
-_SOFT = {
+"""Initial coefficients, of firm tissue."""
+_PRIOR = {
     "omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "sag": 3e-3, "normal_ratio": 3e-3,
     "wave_speed": 1e-2, "bending": 1e-2, "inertia_gain": 3e-2, "gravity_gain": 3e-2,
 }  # fmt: skip
-"""How strongly nodes are held to be alike."""
+"""Strength of the prior that nodes have equal coefficients."""
 
 
 class OscillatorLayer(keras.layers.Layer):
     """Offsets of K nodes over time from the loads on them: a recurrent layer of state (u, u-).
 
-    `laplacian` (K, K) is that of `TissueNodes`; there are P known `people`; so many frames of the
-    load act on a step as there are `taps`.
+    Parameters
+    ----------
+    laplacian : (K, K) of `TissueNodes`.
+    people : number P of people in training.
+    taps : number of frames whose loads act on a step.
     """
 
     def __init__(self, laplacian: NDArray, people: int, taps: int) -> None:
         super().__init__(name="oscillators")
         count, dtype = len(laplacian), keras.config.floatx()
         laplacian = laplacian.astype(np.float64)
-        # Dense: with 500 nodes faster than TensorFlow's sparse product, and as exact.
+        # Dense, as with 500 nodes it is faster than TensorFlow's sparse product.
         self._laplacian = tf.constant(laplacian, dtype)
         self._twice_laplacian = tf.constant(laplacian @ laplacian, dtype)
         logs = {name: float(np.log(START[name])) for name in NODE_FIELDS}
@@ -75,97 +79,99 @@ class OscillatorLayer(keras.layers.Layer):
 
         Parameters
         ----------
-        inertia, gravity : (T + N - 1, K, B, 3) loads, m/s^2, from `N - 1` frames before the step's
-            oldest tap to the newest of the last step.
-        now, before : (K, B, 3) offsets to start from, a step and not a frame apart, metres.
+        inertia, gravity : (T + N - 1, K, B, 3) loads, m/s^2, from the oldest tap of the first
+            step to the newest of the last one.
+        now, before : (K, B, 3) initial offsets, metres, a step apart, not a frame.
         normals : (K, B, 3) of each clip's person, in the rest pose.
         features : (K, B, 3) of `shape_features`, of each clip's person.
         shares : (B, P) of `shares_of_people`.
         """
-        # What log W of each clip's person has besides the template's, (K, B, 1).
-        own = tf.tensordot(features, self._slopes, 1)
-        own += tf.einsum("bp,pkx->kbx", shares, self._residuals())
-        omega = self._of("omega") * tf.exp(own)
-        stiffening = self._of("stiffening") * tf.exp(self._stiffening_power * own)
-        sag = self._of("sag") * tf.exp(SAG_POWER * own)
-        springs, hung, pull = self._springs(omega, stiffening, sag, normals)
-        taps = tf.unstack(self._shares_of_taps())
-        whole = self._of("inertia_gain") * _smoothed(inertia, taps)
-        whole += self._of("gravity_gain") * _smoothed(gravity, taps)
-        loads = _STEP_S**2 * tf.repeat(whole, STEPS, 0) + pull
-        # Offsets from the shape without weight, for which flesh hangs under `pull`.
+        # Deviation (K, B, 1) of log W of each clip's person from the template's.
+        deviation = tf.tensordot(features, self._slopes, 1)
+        deviation += tf.einsum("bp,pkx->kbx", shares, self._residuals())
+        omega = self._coefficient("omega") * tf.exp(deviation)
+        stiffening = self._coefficient("stiffening") * tf.exp(self._stiffening_power * deviation)
+        sag = self._coefficient("sag") * tf.exp(SAG_POWER * deviation)
+        springs, sag_vector, weight = self._springs(omega, stiffening, sag, normals)
+        taps = tf.unstack(self._normalised_taps())
+        load = self._coefficient("inertia_gain") * _smoothed(inertia, taps)
+        load += self._coefficient("gravity_gain") * _smoothed(gravity, taps)
+        loads = _STEP_S**2 * tf.repeat(load, STEPS, 0) + weight
+        # The state is relative to the weightless shape, from which `weight` pulls the tissue down.
 
         def step(state: tuple[Tensor, Tensor], load: Tensor) -> tuple[Tensor, Tensor]:
             now, before = state
             return _step(normals, load, now, before, springs), now
 
-        steps, _ = tf.scan(step, loads, (now + hung, before + hung))
-        return steps[STEPS - 1 :: STEPS] - hung
+        steps, _ = tf.scan(step, loads, (now + sag_vector, before + sag_vector))
+        return steps[STEPS - 1 :: STEPS] - sag_vector
 
     def _springs(
         self, omega: Tensor, stiffening: Tensor, sag: Tensor, normals: Tensor
     ) -> tuple[Springs, Tensor, Tensor]:
-        """Of clips' people, (K, B, 1) each; s (K, B, 3), and what holds flesh there, metres."""
-        ratio = self._of("normal_ratio") * tf.ones_like(omega)
-        hung = sag * tf.constant([0.0, -1.0, 0.0], sag.dtype)
-        stretched = _stretched(hung, ratio - 1, normals)
-        taut = stiffening * _dot(hung, stretched)
+        """Coefficients of a step, (K, B, 1) each; sag s and weight times dt^2, (K, B, 3)."""
+        ratio = self._coefficient("normal_ratio") * tf.ones_like(omega)
+        sag_vector = sag * tf.constant([0.0, -1.0, 0.0], sag.dtype)
+        stretched = _stretched(sag_vector, ratio - 1, normals)
+        taut = stiffening * _dot(sag_vector, stretched)
         spring = _STEP_S**2 / 4 * tf.square(omega) / (1 + 3 * taut)
-        tension, bending = tf.square(self._of("wave_speed")), self._of("bending")
+        tension = tf.square(self._coefficient("wave_speed"))
+        bending = self._coefficient("bending")
         coupling = tension[:, 0] * self._laplacian + bending[:, 0] * self._twice_laplacian
         between = _STEP_S**2 / 4 * coupling
         bound = tf.reduce_sum(tf.abs(between), 1)
         springs = Springs(
-            drag=self._of("damping_ratio") * omega * _STEP_S,
+            drag=self._coefficient("damping_ratio") * omega * _STEP_S,
             spring=spring,
             hardening=2 * spring * stiffening,
             normal_ratio=ratio,
             bound=bound[:, None, None],
             rest=tf.linalg.diag(bound) - between,
         )
-        return springs, hung, 4 * (spring * (1 + taut) * stretched + _times(between, hung))
+        weight = 4 * (spring * (1 + taut) * stretched + _times(between, sag_vector))
+        return springs, sag_vector, weight
 
-    def _of(self, name: str) -> Tensor:
-        """(K, 1, 1)."""
+    def _coefficient(self, name: str) -> Tensor:
+        """(K, 1, 1) of the template body."""
         return tf.exp(self._base[name] + self._deviation[name])[:, None]
 
     def _residuals(self) -> Tensor:
-        """(P, K, 1) without what all people share, which is everybody's: so a stranger has it."""
+        """(P, K, 1) without their mean over people, which belongs to the template instead."""
         residual = tf.convert_to_tensor(self._residual)
         return residual - tf.reduce_mean(residual, 0, keepdims=True)
 
-    def _shares_of_taps(self) -> Tensor:
+    def _normalised_taps(self) -> Tensor:
         taps = tf.convert_to_tensor(self._taps)
         return taps / tf.reduce_sum(taps)
 
     def penalty(self) -> Tensor:
-        """Prior: nodes are alike, people follow their shape, and gains are 1.
+        """Prior: nodes are alike, people differ by their shape alone, and gains are 1.
 
-        Strengths are per node and in units of the loss, small beside what frames of motion say.
+        Strengths are per node and in units of the loss, where the data outweigh them.
         """
-        terms = [w * tf.reduce_mean(tf.square(self._deviation[n])) for n, w in _SOFT.items()]
+        terms = [w * tf.reduce_mean(tf.square(self._deviation[n])) for n, w in _PRIOR.items()]
         gains = [self._base[name] for name in ("inertia_gain", "gravity_gain")]
         terms += [3e-2 * tf.reduce_sum(tf.square(gain)) for gain in gains]
         terms += [3e-3 * tf.reduce_mean(tf.square(tf.convert_to_tensor(self._residual)))]
         return sum(terms)
 
     def weights_as_arrays(self) -> Weights:
-        """What was learned, each node's base and deviation in one."""
+        """The learned weights; base and deviation of each node are added."""
         logs = {name: self._base[name] + self._deviation[name] for name in NODE_FIELDS}
         base = {name: log.numpy().astype(np.float32) for name, log in logs.items()}
-        rest = (self._slopes, self._stiffening_power, self._residuals(), self._shares_of_taps())
-        return Weights(base, *(part.numpy() for part in rest))
+        others = (self._slopes, self._stiffening_power, self._residuals(), self._normalised_taps())
+        return Weights(base, *(part.numpy() for part in others))
 
 
 def _smoothed(load: Tensor, taps: Sequence[Tensor]) -> Tensor:
-    """(T, K, B, 3) of (T + N - 1, K, B, 3): the newest frame of each step by the first tap."""
+    """Weighted sums (T, K, B, 3) of loads (T + N - 1, K, B, 3), the newest by the first tap."""
     newest = len(taps) - 1
     count = tf.shape(load)[0] - newest
     return sum(tap * load[newest - i : newest - i + count] for i, tap in enumerate(taps))
 
 
 class Springs(NamedTuple):
-    """Coefficients of K nodes of B clips, times what dt they need to have no unit of time."""
+    """Coefficients of K nodes of B clips, times dt or dt^2 so that they have no unit of time."""
 
     drag: Tensor  # (K, B, 1) Z W dt
     spring: Tensor  # (K, B, 1) dt^2 / 4 times w^2
@@ -176,18 +182,18 @@ class Springs(NamedTuple):
 
 
 def _step(normals: Tensor, load: Tensor, now: Tensor, before: Tensor, springs: Springs) -> Tensor:
-    """The offset (K, B, 3) that follows `now`; loads are times dt^2. All in metres."""
+    """The offsets (K, B, 3) after `now`; loads are multiplied by dt^2. All in metres."""
     normal, rest = springs.normal_ratio - 1, springs.rest
     stiffer = springs.hardening * _dot(now, _stretched(now, normal, normals))
     twice, straight = 2 * now + before, 2 * now - before
-    sheared = springs.spring * twice + stiffer * before
-    known = load + straight + springs.drag * before - _stretched(sheared, normal, normals)
-    known += _times(rest, twice) - springs.bound * twice
+    pulled = springs.spring * twice + stiffer * before
+    right = load + straight + springs.drag * before - _stretched(pulled, normal, normals)
+    right += _times(rest, twice) - springs.bound * twice
     held = springs.spring + stiffer
     along = 1 + springs.drag + springs.bound + held
     after = straight
     for _ in range(SWEEPS):
-        after = _divided(known + _times(rest, after), along, normal * held, normals)
+        after = _divided(right + _times(rest, after), along, normal * held, normals)
     return after
 
 
@@ -197,7 +203,7 @@ def _stretched(offsets: Tensor, normal: Tensor, normals: Tensor) -> Tensor:
 
 
 def _divided(left: Tensor, along: Tensor, beyond: Tensor, normals: Tensor) -> Tensor:
-    """By each node's block along I + beyond n n^T (Sherman and Morrison)."""
+    """Apply the inverse of each node's block along I + beyond n n^T (Sherman and Morrison)."""
     return (left - beyond / (along + beyond) * _dot(left, normals) * normals) / along
 
 
@@ -206,34 +212,34 @@ def _dot(first: Tensor, second: Tensor) -> Tensor:
 
 
 def _times(matrix: Tensor, offsets: Tensor) -> Tensor:
-    """(K, K) on the nodes of (K, B, 3)."""
+    """A matrix (K, K) times offsets (K, B, 3)."""
     shape = tf.shape(offsets)
     flat = tf.reshape(offsets, (shape[0], -1))
     return tf.reshape(tf.matmul(matrix, flat), shape)
 
 
 class OscillatorLearner:
-    """A layer and its optimizer: a step on some windows, its loss and its gradient."""
+    """Trains a layer on batches of windows: steps of the optimizer, loss and gradient."""
 
     def __init__(self, layer: OscillatorLayer, learning_rate: float) -> None:
         self.layer = layer
-        # Keras numbers optimizers that have no name, and a checkpoint knows them by it.
+        # Named, as checkpoints contain the name, and Keras would number it.
         self.optimizer = keras.optimizers.Adam(learning_rate, beta_2=0.95, name="adam")
         self.optimizer.build(layer.trainable_variables)
         self.gradients = tf.function(self._gradients, reduce_retracing=True)
-        """The loss of a batch, and the gradient of it and the penalty by the layer's weights."""
+        """Loss of a batch, and the gradient of loss and penalty with respect to the weights."""
         self.step = tf.function(self._step, reduce_retracing=True)
-        """The loss before a step that is taken on a batch."""
+        """Take a step on a batch; gives the loss before it."""
 
     def offsets(self, batch: Batch) -> Tensor:
-        """(T, K, B, 3)."""
+        """Offsets (T, K, B, 3) of a batch, metres."""
         return self.layer(batch["inertia"], batch["gravity"], batch["now"], batch["before"],
                           batch["normals"], batch["features"], batch["shares"])  # fmt: skip
 
     def _gradients(self, batch: Batch) -> tuple[Tensor, list[Tensor]]:
         loss = _loss(self.offsets(batch), batch["target"], batch["counted"])
         weights = [weight.value for weight in self.layer.trainable_variables]
-        # Not by the tape, whose sums of many terms come in no order: see `be_reproducible`.
+        # Not by a tape, which adds many terms in no fixed order: see `be_reproducible`.
         return loss, tf.gradients(loss + self.layer.penalty(), weights)
 
     def _step(self, batch: Batch) -> Tensor:
@@ -242,10 +248,10 @@ class OscillatorLearner:
         return loss
 
 
-def _loss(found: Tensor, target: Tensor, counted: Tensor) -> Tensor:
-    """Share of the energy that is missed; quiet clips count a little more than their share."""
-    missed = tf.reduce_mean(counted * tf.square(found - target), (0, 1, 3))
+def _loss(offsets: Tensor, target: Tensor, counted: Tensor) -> Tensor:
+    """Squared error over energy of all clips, plus a small term with equal weights of clips."""
+    error = tf.reduce_mean(counted * tf.square(offsets - target), (0, 1, 3))
     energy = tf.reduce_mean(counted * tf.square(target), (0, 1, 3))
     quiet = tf.reduce_mean(counted, (0, 1, 3)) * _QUIET_M**2
-    overall = tf.reduce_sum(missed) / tf.reduce_sum(energy)
-    return overall + _QUIET_SHARE * tf.reduce_mean(missed / (energy + quiet))
+    overall = tf.reduce_sum(error) / tf.reduce_sum(energy)
+    return overall + _QUIET_SHARE * tf.reduce_mean(error / (energy + quiet))

@@ -1,7 +1,7 @@
-"""What every predictor is, the paper's DSNet as two of them, and the registry of all.
+"""The interface of predictors, the paper's DSNet as two of them, and the registry of all.
 
-A new predictor is a file with a class as `Predictor` says, and a line: here, or in the function
-`predictors()` of a module that `DSNET_PLUGINS` names (`bridge/plugins.py`).
+To add a predictor, write a class with the methods of `Predictor`, and register it here or in the
+function `predictors()` of a module that `DSNET_PLUGINS` names (`bridge/plugins.py`).
 """
 
 from __future__ import annotations
@@ -51,14 +51,14 @@ PAPER_LR = 1e-4
 PredictMotion = Callable[[NDArray, NDArray], NDArray]
 """Latents (T, 100) of a motion theta (T, 69) of a body of shape betas (10,)."""
 BodyOf = Callable[[], BodyModelData]
-"""Gives the run's body model; most predictors never ask."""
+"""Loads the run's body model, which most predictors do not need."""
 
 
 @dataclass(frozen=True)
 class TrainingData:
-    """The run's sequences, each at its own length and in its own units; latents of one code.
+    """The run's sequences, neither padded nor scaled, with latents of one code.
 
-    Those of `validation` are only looked at; `theta` moves `body`, and `betas` shape it.
+    `validation` is for validation losses alone; `theta` and `betas` are of `body`.
     """
 
     train: list[UnpaddedClip]
@@ -67,10 +67,10 @@ class TrainingData:
 
 
 class PredictorTraining(Protocol):
-    """One predictor's training on its way; it may be killed between any two calls.
+    """The training of one predictor, epoch by epoch; the process may be killed at any time.
 
-    `losses` are those of every epoch so far, a checkpoint's from the start; `validation_losses`
-    those of every epoch that was validated.
+    `losses` are of every epoch so far, those before a checkpoint included; `validation_losses` are
+    of every validated epoch.
     """
 
     losses: list[float]
@@ -78,20 +78,20 @@ class PredictorTraining(Protocol):
 
     @property
     def lr(self) -> float:
-        """Learning rate, the chosen one where it was searched for; 0 if there is none."""
+        """The learning rate, the best one if several were tried; 0 if there is none."""
         ...
 
     def epoch(self, number: int, *, validate: bool) -> None:
-        """Train for epoch `number`, unless the checkpoint was behind it already."""
+        """Train epoch `number`, unless the checkpoint already contains it."""
         ...
 
     def save(self) -> None: ...  # the checkpoint
-    def arrays(self) -> dict[str, NDArray]: ...  # all that `Predictor.load` needs
-    def parameters(self) -> dict[str, int]: ...  # how many are learned, by name of the count
+    def arrays(self) -> dict[str, NDArray]: ...  # what `Predictor.load` takes
+    def parameters(self) -> dict[str, int]: ...  # numbers of learned parameters, by name
 
 
 class Predictor(Protocol):
-    """An entry of the registry; predictors that learn in one go train for one epoch."""
+    """An entry of the registry; a predictor without epochs is trained in the first one."""
 
     @property
     def name(self) -> str: ...  # in options, file names and manifests
@@ -101,26 +101,26 @@ class Predictor(Protocol):
     def code(self) -> CodeName: ...  # which latents it learns
 
     def departures(self, settings: PredictorSettings) -> tuple[str, ...]:
-        """Where it leaves the paper, a clause each; empty where it does not."""
+        """Its departures from the paper, a clause each; empty if there are none."""
         ...
 
     def training(
         self, settings: PredictorSettings, data: TrainingData, checkpoint: Path
     ) -> PredictorTraining:
-        """Begin training, or go on from `checkpoint` if that file is there."""
+        """Start training, or continue from `checkpoint` if that file exists."""
         ...
 
     def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
-        """A trained predictor from what `PredictorTraining.arrays` gave."""
+        """The trained predictor from the arrays of `PredictorTraining.arrays`."""
         ...
 
 
 @dataclass(frozen=True)
 class DsnetPredictor:
-    """The paper's DSNet, which is silent about the scale of motions and latents.
+    """The paper's DSNet, with or without standardised inputs and latents.
 
-    Standardised, inputs and latents are scaled, which decides how fast Adam learns. If not, it is
-    the paper's words and nothing else: raw motions in, latents as the autoencoder gives them.
+    The paper does not say how motions and latents are scaled, which decides how fast Adam learns.
+    If not `standardised`, both are used as they are.
     """
 
     name: str = "dsnet_standardised"
@@ -128,22 +128,24 @@ class DsnetPredictor:
     standardised: bool = True
     code: CodeName = AUTOENCODER
     build: Build | None = None
-    """Gives a network (B, T, `input_size`) to (B, T, L), as `build_dsnet` does, which it is if
-    None; it is told `masked` and `lstm_layer` where it has arguments of these names. A chain of the
-    layers in `bridge.exchange.layers` also predicts motions, streams and exports."""
+    """Builds a network (B, T, `input_size`) to (B, T, L); `build_dsnet` if None. It is given
+    `masked` and `lstm_layer` if it has parameters of these names. Only chains of the layers in
+    `bridge.exchange.layers` can predict new motions, stream and be exported."""
 
     def lr(self, settings: PredictorSettings) -> float:
         return settings.lr_standardised if self.standardised else settings.lr_faithful
 
     def departures(self, settings: PredictorSettings) -> tuple[str, ...]:
-        found = [] if self.build is None else ["the network is not the paper's"]
+        departures = [] if self.build is None else ["the network is not the paper's"]
         if self.standardised:
-            found.append("inputs and latents are standardised over the training frames")
+            departures.append("inputs and latents are standardised over the training frames")
         if (lr := self.lr(settings)) != PAPER_LR:
-            found.append(f"Adam's learning rate is {lr:g} instead of {PAPER_LR:g}")
+            departures.append(f"Adam's learning rate is {lr:g} instead of {PAPER_LR:g}")
         if settings.masked:
-            found.append("padded frames are left out of the loss and of the batch normalisation")
-        return tuple(found)
+            departures.append(
+                "padded frames are left out of the loss and of the batch normalisation"
+            )
+        return tuple(departures)
 
     def training(
         self, settings: PredictorSettings, data: TrainingData, checkpoint: Path
@@ -167,9 +169,9 @@ class DsnetPredictor:
 
     def _build_to_train(self, masked: bool) -> Build:
         build = self.build or build_dsnet
-        options = {"masked": masked, "lstm_layer": BlockLSTM}  # an LSTM that is quick on a CPU
-        known = inspect.signature(build).parameters
-        return partial(build, **{n: option for n, option in options.items() if n in known})
+        options = {"masked": masked, "lstm_layer": BlockLSTM}  # which is fast on a CPU
+        accepted = inspect.signature(build).parameters
+        return partial(build, **{n: option for n, option in options.items() if n in accepted})
 
     def network_sha256(self, masked: bool) -> str:
         """Digest of the layers and widths of a `build` of one's own; empty for the paper's."""
@@ -187,9 +189,9 @@ class DsnetPredictor:
 def applied_dsnet(
     trained: TrainedDsnet, build: Build = build_dsnet
 ) -> Callable[[NDArray], NDArray[np.float32]]:
-    """A trained DSNet on whole motions: inputs (T, I) in a motion's own units to latents (T, 100).
+    """A trained DSNet as a function of whole motions: unscaled inputs (T, I) to latents (T, 100).
 
-    It may be told of I numbers other than the 79.
+    I is 79 for the paper's network; others may have other inputs.
     """
     model = with_own_names(build(input_size=len(trained.scaling.input_mean)))
     assign_weights(model, trained.weights)
@@ -197,34 +199,35 @@ def applied_dsnet(
 
 
 def applied(model: keras.Model, scaling: Scaling) -> Callable[[NDArray], NDArray[np.float32]]:
-    """A trained network on whole motions: inputs (T, I) to latents (T, D), both in own units."""
+    """A trained network as a function of motions: unscaled inputs (T, I) to latents (T, D)."""
     signature = [tf.TensorSpec((None, None, len(scaling.input_mean)), tf.float32)]
     network = tf.function(lambda x: model(x, training=False), input_signature=signature)
     return lambda inputs: scaling.restore(network(scaling.inputs(inputs)[None]).numpy()[0])
 
 
 def registered_predictors() -> dict[str, Predictor]:
-    """Every predictor by name: the paper's network, and what plugins add."""
+    """Every predictor by name: the paper's network, and those of plugins."""
     faithful = DsnetPredictor("dsnet_faithful", "DSNet, faithful", standardised=False)
-    own: tuple[Predictor, ...] = (DsnetPredictor(), faithful)
-    return with_plugins("predictors", {entry.name: entry for entry in own})
+    builtin: tuple[Predictor, ...] = (DsnetPredictor(), faithful)
+    return with_plugins("predictors", {entry.name: entry for entry in builtin})
 
 
 def predictors_named(names: Iterable[str]) -> list[Predictor]:
-    """The entries of these names; refused if there is none, one is unknown, or named twice."""
-    names, known = list(names), registered_predictors()
+    """The predictors of these names; `DsnetError` if one is unknown or repeated, or none given."""
+    names, registered = list(names), registered_predictors()
     if not names or len(set(names)) < len(names):
         raise DsnetError(
             f"--predictors {' '.join(names) or '(none)'}",
-            f"some of {', '.join(known)}, each once",
+            f"some of {', '.join(registered)}, each once",
             f"Pass --predictors {' '.join(DSNETS)}.",
         )
-    return [entry_named(name, "predictor", known) for name in names]
+    return [entry_named(name, "predictor", registered) for name in names]
 
 
 def load_predictor(train: Artifact, name: str, body: BodyOf) -> PredictMotion:
-    """One predictor that the run has trained, for motions of `body`; DsnetError if it has not,
-    nobody registers it, or its weights are damaged.
+    """A trained predictor of a run, for motions of `body`.
+
+    DsnetError if the run has not trained it, it is not registered, or its weights are damaged.
     """
     check_trained(train, name)
     (entry,) = predictors_named([name])

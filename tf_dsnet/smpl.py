@@ -1,7 +1,7 @@
 """SMPL in TensorFlow: Eq. 1-2, differentiable in every argument, and its inverse, Eq. 5.
 
-With it a Keras-only user goes from theta to vertices; `torch_align_ae/body` has its twins.
-Inside, coordinates come before vertices, (B, 3, V), so that skinning streams over vertices.
+`torch_align_ae/body` has the same in PyTorch. Inside, coordinates come before vertices, (B, 3, V),
+so that skinning streams over vertices.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _COLLAPSED_BELOW = 1e-3**0.5
 class KerasSMPL:
     """A body model with constant parameters and V = 6890 vertices.
 
-    `dtype` is that of everything inside and of all results; arguments are converted to it.
+    It computes in `dtype`, to which arguments are converted.
     """
 
     def __init__(self, data: BodyModelData, dtype: tf.DType = tf.float32) -> None:

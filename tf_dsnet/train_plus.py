@@ -1,4 +1,4 @@
-"""`dsnet_plus` learns: oscillators are fitted to aligned offsets by their error through time."""
+"""Training of `dsnet_plus`: its oscillators are fitted to aligned offsets by backpropagation."""
 
 from __future__ import annotations
 
@@ -47,13 +47,12 @@ Simulate = Callable[[TrainedPlus, BodyModelData, Sequence[NDArray], NDArray], li
 
 
 class PlusTraining:
-    """Oscillators and their optimizer, and the clips that they learn from, of people of `betas`
-    (P, 10).
+    """Oscillators and their optimizer, and the training clips, of people with `betas` (P, 10).
 
-    Windows of some frames are simulated from a given state and compared with the aligned offsets.
-    In the first rounds that state is the data's own, which teaches frequencies fast. Then it is the
-    model's, from a simulation of every clip that is made anew each round: errors that build up over
-    seconds count too, and noise of the data no longer enters as velocity.
+    Windows of some frames are simulated from an initial state and compared with the aligned
+    offsets. In the first rounds the initial state is the data's, by which frequencies are learned
+    fast. Later it is the model's, by a simulation of every clip at the start of the round, so that
+    errors that build up over seconds count too, and noise of the data does not become velocity.
     """
 
     def __init__(
@@ -75,11 +74,11 @@ class PlusTraining:
         self._learner = OscillatorLearner(self.layer, settings.lr)
 
     def round(self, number: int, static_m: Sequence[NDArray]) -> list[float]:
-        """One round of steps against the offsets less a static part (T, K, 3) of each clip."""
-        moving = [c.offsets_m - s for c, s in zip(self._clips, static_m, strict=True)]
-        starts = self.starts(number, moving)
+        """Train a round of steps on the offsets without the clips' static parts (T, K, 3)."""
+        dynamic = [c.offsets_m - s for c, s in zip(self._clips, static_m, strict=True)]
+        starts = self.starts(number, dynamic)
         return [
-            self._one_step(number * self.settings.steps + step, moving, starts)
+            self._one_step(number * self.settings.steps + step, dynamic, starts)
             for step in range(self.settings.steps)
         ]
 
@@ -88,29 +87,29 @@ class PlusTraining:
         laplacian = self._nodes.laplacian.toarray()
         return OscillatorLayer(laplacian, len(self._betas), self.settings.taps)
 
-    def starts(self, number: int, moving: list[NDArray]) -> list[NDArray]:
-        """Offsets of the clips from which a round's windows set out: `moving` is the data's own."""
-        return moving if number < self.settings.rounds // 3 else self.simulate()
+    def starts(self, number: int, dynamic: list[NDArray]) -> list[NDArray]:
+        """Offsets of the clips that give a round's initial states; `dynamic` are the data's."""
+        return dynamic if number < self.settings.rounds // 3 else self.simulate()
 
     def static_rounds(self) -> set[int]:
-        """How many rounds are done where the static part is fitted anew, if it helps."""
+        """Numbers of rounds after which the static part is fitted again."""
         return {round(part * self.settings.rounds) for part in _STATIC_ROUNDS}
 
     def simulate(self) -> list[NDArray[np.float32]]:
-        """What the oscillators make of every clip, (T, K, 3) each."""
+        """Simulated offsets (T, K, 3) of every clip."""
         motions = [clip.theta for clip in self._clips]
         betas = self._betas[[clip.person for clip in self._clips]]
         return self._simulate(self.trained(StaticPart.nothing()), self._body, motions, betas)
 
     def trained(self, static: StaticPart) -> TrainedPlus:
-        """The model as it is now."""
-        weights = self.told_by_shape(self.layer.weights_as_arrays())
-        ahead = self.settings.look_ahead
-        return TrainedPlus(self._nodes, weights, static, self._betas, ahead)
+        """The model with the present weights."""
+        weights = self.explained_by_shape(self.layer.weights_as_arrays())
+        look_ahead = self.settings.look_ahead
+        return TrainedPlus(self._nodes, weights, static, self._betas, look_ahead)
 
-    def told_by_shape(self, weights: Weights) -> Weights:
-        """The same people, of whose differences as much as can be is told by their shapes."""
-        return told_by_shape(weights, self._features)
+    def explained_by_shape(self, weights: Weights) -> Weights:
+        """The same weights, with differences between people explained by shape where possible."""
+        return explained_by_shape(weights, self._features)
 
     def state(self) -> dict[str, NDArray]:
         """Copies of the layer's weights and the optimizer's moments."""
@@ -125,100 +124,104 @@ class PlusTraining:
         return [*self.layer.weights, *self._learner.optimizer.variables]
 
     def constants_m(self, static: NodeStatic, offsets_m: NDArray) -> NDArray[np.float32]:
-        """(P, V, 3) each person's mean of what nodes and pose leave of all offsets (F, V, 3)."""
+        """Mean (P, V, 3) of each person's offsets (F, V, 3) less what nodes and pose explain."""
         people = len(self._betas)
         sums, frames = np.zeros((people, *offsets_m.shape[1:])), np.zeros(people)
         if not static.constant_m.any():
             return sums.astype(np.float32)
-        for clip, moving in zip(self._clips, self.simulate(), strict=True):
+        for clip, simulated in zip(self._clips, self.simulate(), strict=True):
             by_pose = np.tensordot(clip.features, static.by_pose_m, 1)
-            at_nodes = (moving + by_pose).mean(axis=0, keepdims=True)
-            own = np.asarray(offsets_m[clip.sequence.frames]).mean(axis=0, dtype=np.float64)
-            sums[clip.person] += len(clip) * (own - self._nodes.spread(at_nodes)[0])
+            at_nodes = (simulated + by_pose).mean(axis=0, keepdims=True)
+            mean = np.asarray(offsets_m[clip.sequence.frames]).mean(axis=0, dtype=np.float64)
+            sums[clip.person] += len(clip) * (mean - self._nodes.spread(at_nodes)[0])
             frames[clip.person] += len(clip)
         return (sums / frames[:, None, None]).astype(np.float32)
 
-    def _one_step(self, step: int, moving: Sequence[NDArray], starts: Sequence[NDArray]) -> float:
+    def _one_step(self, step: int, dynamic: Sequence[NDArray], starts: Sequence[NDArray]) -> float:
         total = self.settings.rounds * self.settings.steps
         self._learner.optimizer.learning_rate = self.settings.lr * (1 - step / total) ** 0.7
         windows = [
-            self._window(self._clips[row], frame, moving[row], starts[row])
+            self._window(self._clips[row], frame, dynamic[row], starts[row])
             for row, frame in self._drawn(step)
         ]
-        # Several people side by side, before the coordinates.
+        # The axis of the batch is the last but one, before the coordinates.
         batch = {name: np.stack([one[name] for one in windows], -2) for name in windows[0]}
         return float(self._learner.step({k: tf.constant(v, tf.float32) for k, v in batch.items()}))
 
     def _drawn(self, step: int) -> Iterator[tuple[int, int]]:
-        """Clips of the windows of a step, and the frames that these set out from."""
+        """The windows of a step: rows of their clips, and the frames before them."""
         count, size = len(self._clips), self.settings.batch_size
         rng = np.random.default_rng([self.settings.seed, step])
-        of_few = count < size
-        rows = rng.permutation(np.arange(size) % count if of_few else count)[:size]
+        rows = rng.permutation(np.arange(size) % count if count < size else count)[:size]
         for row in rows.tolist():
             last = max(len(self._clips[row]) - self.settings.window - 1, 2)
             yield row, int(rng.integers(2, last + 1))
 
     def _window(
-        self, clip: NodeClip, frame: int, moving: NDArray, start: NDArray
+        self, clip: NodeClip, frame: int, dynamic: NDArray, start: NDArray
     ) -> dict[str, NDArray]:
-        """What is simulated and compared from a frame on. The first and the last load of a clip
-        stand for those that there are not; offsets after its end are not counted."""
-        window, ahead = self.settings.window, self.settings.look_ahead
+        """The part of a batch of one window, which starts after a frame.
+
+        Loads before and after a clip are its first and last ones; frames after its end do not
+        count.
+        """
+        window, look_ahead = self.settings.window, self.settings.look_ahead
         after = frame + 1 + np.arange(window)
-        felt = frame + np.arange(ahead - self.settings.taps + 1, ahead + window)
+        loads = frame + np.arange(look_ahead - self.settings.taps + 1, look_ahead + window)
         return {
             "now": start[frame],
             "before": _a_step_before(start, frame),
-            "target": moving.take(after, 0, mode="clip"),
+            "target": dynamic.take(after, 0, mode="clip"),
             "counted": (after < len(clip))[:, None, None],
-            "inertia": clip.load.inertia.take(felt, 0, mode="clip"),
-            "gravity": clip.load.gravity.take(felt, 0, mode="clip"),
+            "inertia": clip.load.inertia.take(loads, 0, mode="clip"),
+            "gravity": clip.load.gravity.take(loads, 0, mode="clip"),
             "normals": self._normals[clip.person],
             "features": self._features[clip.person],
             "shares": self._shares[clip.person],
         }
 
 
-def told_by_shape(weights: Weights, features: NDArray) -> Weights:
-    """Least squares of what people have of log W on their `features` (P, K, 3), soft nodes first.
+def explained_by_shape(weights: Weights, features: NDArray) -> Weights:
+    """Explain the differences of log W between people by their shape, as far as possible.
 
-    Training gives every node of every person a number of her own sooner than it finds what all of
-    them follow, and new people have none. Known ones stay as they are.
+    Least squares on their `features` (P, K, 3), in which soft nodes have more weight. Training
+    fits the residuals of each person sooner than the slopes, but people who were not in training
+    have no residuals. The sum of both stays the same for people in training.
     """
-    own = (features @ weights.slopes + weights.residual).astype(np.float64)
-    apart, differences = features - features.mean(0), own - own.mean(0)
+    deviations = (features @ weights.slopes + weights.residual).astype(np.float64)
+    centred, differences = features - features.mean(0), deviations - deviations.mean(0)
     softness = np.exp(-weights.base["omega"].astype(np.float64))
-    rows = (softness * apart).reshape(-1, features.shape[-1])
+    rows = (softness * centred).reshape(-1, features.shape[-1])
     ridge = 1e-2 * np.square(rows).sum() / rows.shape[1] * np.eye(rows.shape[1])
     right = rows.T @ (softness * differences).reshape(-1, 1)
-    # From one person, or from equal ones, nobody can tell what shape does.
+    # One person alone, or equal ones, do not determine the slopes.
     slopes = np.linalg.solve(rows.T @ rows + ridge, right) if rows.any() else 0 * right
-    shared = own.mean(0) - features.mean(0) @ slopes
+    shared = deviations.mean(0) - features.mean(0) @ slopes
     powers = weights.powers()
     base = {n: log + np.float32(powers.get(n, 0.0)) * shared for n, log in weights.base.items()}
     return replace(
         weights,
         base={name: log.astype(np.float32) for name, log in base.items()},
         slopes=slopes.astype(np.float32),
-        residual=(differences - apart @ slopes).astype(np.float32),
+        residual=(differences - centred @ slopes).astype(np.float32),
     )
 
 
 def _a_step_before(offsets_m: NDArray, frame: int) -> NDArray:
-    """(K, 3) a step before a frame, on the parabola through it and the two before it."""
+    """Offsets (K, 3) a step before a frame, on the parabola through it and the two before it."""
     now, before, earlier = offsets_m[frame], offsets_m[frame - 1], offsets_m[frame - 2]
-    share = 1 / STEPS
-    straight = now + share * (before - now)
-    return straight - share * (1 - share) / 2 * (now - 2 * before + earlier)
+    fraction = 1 / STEPS
+    straight = now + fraction * (before - now)
+    return straight - fraction * (1 - fraction) / 2 * (now - 2 * before + earlier)
 
 
 def train_plus(
     config: TrainPlusConfig, simulate: Simulate, training: type[PlusTraining] = PlusTraining
 ) -> None:
-    """Make `train_plus`: a result that is current is kept, one that was interrupted is continued.
+    """Make the artifact `train_plus`, or continue an interrupted training.
 
-    A study that trains in another way hands over a configuration and a training of its own.
+    Nothing is done if the artifact is current. A study that trains in another way passes its own
+    configuration and `training`.
     """
     run = Run(config.run)
     align, body_path = best_alignment(run), body_model_path(run)
@@ -233,7 +236,7 @@ def _make(
     body_path: Path,
     writer: ArtifactWriter,
 ) -> None:
-    """One training, with a checkpoint after every round."""
+    """Train with a checkpoint after every round, and write the artifact."""
     body = load_paper_body(str(body_path))
     nodes, (people, betas) = TissueNodes.of(body, config.nodes), known_people(align)
     clips = node_clips(align, body, nodes, people, betas)
@@ -255,12 +258,12 @@ def _make(
             raise DsnetError(received, "a number", _REMEDY)
         if number + 1 in training.static_rounds():
             static = fit_static(clips, training.simulate(), len(people))
-        so_far = {
+        progress = {
             "history/loss": np.array(losses),
             "static/constant": static.constant_m,
             "static/by_pose": static.by_pose_m,
         }
-        save_checkpoint(checkpoint, {**training.state(), **so_far})
+        save_checkpoint(checkpoint, {**training.state(), **progress})
         bar.set_postfix(loss=losses[-1])
     constants_m = training.constants_m(static, align.array("offsets"))
     trained = training.trained(StaticPart(constants_m, static.by_pose_m))

@@ -1,4 +1,4 @@
-"""Training of DSNet epoch by epoch, in a way that can be stopped and goes on bit-identically."""
+"""Training of DSNet epoch by epoch; after an interruption it continues bit-identically."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tf_dsnet.model import (
 )
 
 Build = Callable[..., keras.Model]
-"""Of `input_size`, the numbers that the network is told at each frame."""
+"""Builds a network of `input_size` numbers at each frame."""
 LossOf = Callable[[Tensor, Tensor, "Tensor | None"], Tensor]
 _REMEDY = "Train with a lower learning rate: dsnet train --help names the options."
 
@@ -37,10 +37,10 @@ _REMEDY = "Train with a lower learning rate: dsnet train --help names the option
 class Trainer:
     """DSNet, or the network that `build` gives, and its Adam optimizer.
 
-    Everything that an epoch depends on is in `state` or follows from the seed, which also draws
-    the initial weights, and the epoch's number, so a restored trainer repeats an uninterrupted one.
-    `loss_of` takes targets, predictions (B, T, D) and, if `masked`, which frames are real: padded
-    ones are then left out of it and of the batch normalisation's statistics.
+    An epoch depends on `state`, the seed, which also draws the initial weights, and the epoch's
+    number, so a restored trainer gives the bits of an uninterrupted one. `loss_of` takes targets,
+    predictions (B, T, D) and, if `masked`, which frames are real: padded ones are then left out of
+    the loss and of the batch normalisation's statistics.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Trainer:
         loss_of: LossOf = sum_of_distances,
     ) -> None:
         be_reproducible(seed)
-        # An LSTM that is quick on a CPU.
+        # By default with an LSTM that is fast on a CPU.
         build = build or partial(build_dsnet, masked=masked, lstm_layer=BlockLSTM)
         self._clips, self._batch_size, self._seed = clips, batch_size, seed
         self._masked, self.lr = masked, lr
@@ -65,13 +65,13 @@ class Trainer:
         self.optimizer = keras.optimizers.Adam(lr, name="adam")
         self.optimizer.build(self.model.trainable_variables)
         # Unknown sizes, so that the last, smaller batch does not build a second graph.
-        any_clips = {
+        signature = {
             "motion": tf.TensorSpec((None, None, input_size), keras.config.floatx()),
             "latents": tf.TensorSpec((None, None, clips.latents.shape[-1]), keras.config.floatx()),
             "real": tf.TensorSpec((None, None), tf.bool),
         }
-        self._step = tf.function(self._train_on, input_signature=[any_clips])
-        self._evaluate = tf.function(lambda b: self._loss_of(b), input_signature=[any_clips])
+        self._step = tf.function(self._train_on, input_signature=[signature])
+        self._evaluate = tf.function(lambda b: self._loss_of(b), input_signature=[signature])
 
     def trace(self) -> None:
         """Build both graphs now, so that threads which train side by side only run them."""
@@ -79,7 +79,7 @@ class Trainer:
         self._evaluate.get_concrete_function()
 
     def epoch(self, number: int) -> float:
-        """Train on every clip once, in an order drawn for this epoch; the mean loss of a clip."""
+        """Train on every clip once, in an order drawn for this epoch; gives the mean loss."""
         count = len(self._clips)
         order = np.random.default_rng([self._seed, number]).permutation(count)
         batches = np.split(order, range(self._batch_size, count, self._batch_size))
@@ -91,9 +91,9 @@ class Trainer:
         return float(self._evaluate(_batch(clips)).numpy())
 
     def gradients(self) -> tuple[float, dict[str, NDArray]]:
-        """Loss of all clips in one batch, and its gradient by every weight that is trained.
+        """Loss of all clips in one batch, and its gradients by name of the trainable weight.
 
-        The running statistics move on, as in a step of training.
+        This updates the running statistics, as a training step does.
         """
         loss, gradients = self._loss_and_gradients(_batch(self._clips))
         trainable = {id(variable) for variable in self.model.trainable_variables}
@@ -109,18 +109,18 @@ class Trainer:
         assign_variables(self._variables(), state, self.model.name)
 
     def _variables(self) -> dict[str, keras.Variable]:
-        own = named_variables(self.model)
-        # The seeds that dropout draws from are no weights, and move on with every step.
-        drops = ("rate", "dropout", "recurrent_dropout")
+        weights = named_variables(self.model)
+        # Dropout has a random state, which changes with every step and is not among the weights.
+        dropout_options = ("rate", "dropout", "recurrent_dropout")
         seeds = {
             f"{layer.name}/seed_{number}": variable
             for layer in self.model.layers
-            if any(getattr(layer, name, 0) for name in drops)
+            if any(getattr(layer, name, 0) for name in dropout_options)
             for number, variable in enumerate(layer.variables[len(layer.weights) :])
         }
         # By place: Keras numbers layers without names anew in every process.
         moments = {f"adam/{n}": variable for n, variable in enumerate(self.optimizer.variables)}
-        return {**own, **seeds, **moments}
+        return {**weights, **seeds, **moments}
 
     def _train_on(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
         loss, gradients = self._loss_and_gradients(batch)
@@ -134,14 +134,14 @@ class Trainer:
 
     def _loss_of(self, batch: dict[str, tf.Tensor], training: bool = False) -> tf.Tensor:
         motion, real = batch["motion"], batch["real"]
-        knows_real = self._masked and len(getattr(self.model, "inputs", (motion, real))) > 1
-        predicted = self.model([motion, real] if knows_real else motion, training=training)
+        takes_mask = self._masked and len(getattr(self.model, "inputs", (motion, real))) > 1
+        predicted = self.model([motion, real] if takes_mask else motion, training=training)
         return self._loss_function(batch["latents"], predicted, real if self._masked else None)
 
 
 def _check_output(model: keras.Model, latent_size: int) -> None:
-    """Refuse a network of another form: a loss could broadcast it and say nothing."""
-    # A subclassed model knows its outputs only once it was called.
+    """Refuse a network with outputs of another shape, which the loss might silently broadcast."""
+    # A subclassed model has no output shape before it is called.
     shape = getattr(model, "output_shape", (None, None, latent_size))
     if tuple(shape) != (None, None, latent_size):
         raise DsnetError(
@@ -152,7 +152,7 @@ def _check_output(model: keras.Model, latent_size: int) -> None:
 
 
 def _batch(clips: Clips, rows: NDArray | slice = slice(None)) -> dict[str, tf.Tensor]:
-    """Motions, latents and which frames are real of the clips in these rows."""
+    """Motions, latents and masks of real frames of the clips in these rows."""
     arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
     return {name: tf.constant(array[rows]) for name, array in arrays.items()}
 
@@ -166,9 +166,9 @@ def described(model: keras.Model) -> dict[str, Any]:
 
 
 class DsnetTraining:
-    """Epochs of one trainer, a `PredictorTraining`; goes on from its checkpoint if that is there.
+    """A `PredictorTraining` by one trainer; continues from its checkpoint if there is one.
 
-    `scaling` is that of the trainer's clips; those of `validation` are only looked at.
+    `scaling` is that of the trainer's clips; `validation` is for validation losses alone.
     """
 
     def __init__(
@@ -185,7 +185,7 @@ class DsnetTraining:
             trainer.restore(state)
 
     def epoch(self, number: int, *, validate: bool) -> None:
-        """Train for epoch `number`, unless the checkpoint was behind it already."""
+        """Train epoch `number`, unless the checkpoint already contains it."""
         if number < len(self.losses):
             return
         self.losses.append(self._finite(self.trainer.epoch(number), "loss", number))
@@ -204,7 +204,7 @@ class DsnetTraining:
         return self.trainer.lr
 
     def arrays(self) -> dict[str, NDArray]:
-        """The trained weights, which must be finite, and the scaling."""
+        """Trained weights and scaling; `DsnetError` if a weight is not finite."""
         weights = named_weights(self.trainer.model)
         refuse_nonfinite(weights, self.name, _REMEDY)
         return TrainedDsnet(self.name, weights, self._scaling).arrays()

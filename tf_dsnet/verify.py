@@ -1,7 +1,7 @@
-"""`python -m tf_dsnet.verify`: what Keras and TensorFlow answer to `dsnet verify`.
+"""`python -m tf_dsnet.verify`: results of Keras and TensorFlow for `dsnet verify`.
 
-Operations and names are those of `bridge.exchange.engine`; the product's own networks, trainer,
-learner and KerasSMPL compute.
+Operations and names are those of `bridge.exchange.engine`. They are computed by the networks,
+trainer, learner and KerasSMPL that the product uses.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
 
 
 def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
-    """Every layer at rest: the whole batch, row by row, or frame by frame."""
+    """Outputs of every layer in inference: the whole batch, row by row, or frame by frame."""
     network = _dsnet(weights)
     if run != "steps":
         traced = _traced(network)
@@ -36,7 +36,7 @@ def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
         return joined(_in_order(call(rows)) for rows in batches(motion, run))
     layer, frames = network.get_layer, []
     state = [tf.zeros((len(motion), layer("lstm").units), motion.dtype)] * 2
-    for frame in motion.swapaxes(0, 1):  # the LSTM's cell is given its state by hand
+    for frame in motion.swapaxes(0, 1):  # the LSTM's state is passed from frame to frame
         first = layer("fc_enc_1")(frame)
         second = layer("fc_enc_2")(first)
         hidden, state = layer("lstm").cell(second, state)
@@ -48,7 +48,7 @@ def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
 
 
 def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **arrays: NDArray) -> Tensors:
-    """Layers, loss and gradients of the first pass in training, and the steps after it."""
+    """Layers, loss and gradients of a first training pass, and the training steps after it."""
     motion, real = arrays["motion"], arrays["real"]
     _compute_in(motion)
     clips = Clips(motion, arrays["latents"], real)
@@ -61,7 +61,7 @@ def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **arrays: NDAr
         names = [name for name in model.named_weights(network) if "/moving_" not in name]
         return dict(zip(names, arrays, strict=True))
 
-    # Every pass in training moves the running statistics on: begin with the weights each time.
+    # Every training pass changes the running statistics, so the weights are set again each time.
     model.assign_weights(network, weights)
     seen = _in_order(_traced(network)([motion, real] if masked else motion, training=True))
     model.assign_weights(network, weights)
@@ -73,10 +73,10 @@ def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **arrays: NDAr
 
 
 def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: str) -> Tensors:
-    """Every layer, and the normaliser's where the weights hold one."""
+    """Outputs of every layer, and of the normaliser if the weights contain one."""
     scaling = [weights.pop(name) for name in NORMALISER if name in weights]
     network = _autoencoder(weights, architecture)
-    # Linear layers and nonlinearities; what only moves numbers has no counterpart elsewhere.
+    # Linear layers and nonlinearities; reshaping layers have no counterpart in other engines.
     encoder, decoder = (
         {n.name: n.output for n in side.layers if n.weights or n.name.endswith("_activation")}
         for side in (network.encoder, network.decoder)
@@ -87,7 +87,7 @@ def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: st
     def layers(rows: Tensor) -> dict[str, Tensor]:
         encoded = encode(rows)
         outputs = {**encoded, **decode(encoded["to_latent"])}
-        # Features last, as everywhere but inside the convolutions.
+        # Features are last, except inside the convolutions.
         mixing = {name for name in outputs if ".conv_" in name}
         swapped = {name: tf.transpose(outputs[name], (0, 2, 1)) for name in mixing}
         return {name: {**outputs, **swapped}[name] for name in (*encoder, *decoder)}
@@ -104,15 +104,15 @@ def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: st
 def ae_train(
     weights: Tensors, values: NDArray, architecture: Options, steps: list[int], **target: NDArray
 ) -> Tensors:
-    """Loss and gradients of the reconstruction of one batch, and steps on it."""
+    """Loss and gradients of reconstructing one batch, and training steps on it."""
     network = _autoencoder(weights, architecture).model
-    given, wanted = tf.constant(values), tf.constant(target.get("target", values))
+    inputs, expected = tf.constant(values), tf.constant(target.get("target", values))
     adam = TorchAdam()
     _exact(adam)
 
     def one_pass() -> tuple[float, list[Tensor]]:
         with tf.GradientTape() as tape:
-            loss = tf.reduce_mean(tf.square(network(given) - wanted))
+            loss = tf.reduce_mean(tf.square(network(inputs) - expected))
         return float(loss), tape.gradient(loss, network.trainable_variables)
 
     def canonical(arrays: Sequence[NDArray]) -> Tensors:
@@ -130,7 +130,7 @@ def ae_train(
 
 
 def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tensors:
-    """Parts of the forward pass, the unposed mesh, and the gradient of sum(probe * vertices)."""
+    """Parts of the forward pass, the unposed mesh, and the gradients of sum(probe * vertices)."""
     given = {name: tf.constant(array) for name, array in arguments.items()}
     posed = KerasSMPL(load_body_model(body), given["pose"].dtype)
     with tf.GradientTape() as tape:
@@ -151,13 +151,13 @@ def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tens
 def oscillators_train(
     weights: Tensors, steps: list[int], learning_rate: float, **windows: NDArray
 ) -> Tensors:
-    """Offsets of some windows, loss and gradients of the first pass, and the steps after it."""
+    """Offsets of windows, loss and gradients of a first pass, and the training steps after it."""
     _compute_in(windows["now"])
     laplacian = windows.pop("laplacian")
     layer = OscillatorLayer(laplacian, len(weights["residual"]), len(weights["taps"]))
     for variable in layer.weights:
         variable.assign(weights[variable.name])
-    # Stored in float32, unit vectors are so to eight digits.
+    # Normalise again: unit vectors that were stored in float32 have eight digits.
     windows["normals"] /= np.linalg.norm(windows["normals"], axis=-1, keepdims=True)
     batch = {name: tf.constant(array) for name, array in windows.items()}
     learner = OscillatorLearner(layer, learning_rate)
@@ -202,7 +202,7 @@ def _state_of(
     named: Callable[[Sequence[NDArray]], Tensors],
     weights: Callable[[], Tensors],
 ) -> Callable[[], dict[str, Tensors]]:
-    """Gives weights and moments; `named` names arrays of the variables that are trained."""
+    """A function that gives weights and moments; `named` names arrays of trainable variables."""
 
     def moments(kind: str) -> Tensors:
         return named([v.numpy() for v in adam.variables if v.path.endswith(kind)])
@@ -215,15 +215,15 @@ def _state_of(
 def _compute_in(array: NDArray) -> None:
     """Build layers and optimizers in an array's precision from now on."""
     keras.config.set_floatx(array.dtype.name)
-    # The first layer of a process fixes the policy, and a later floatx does not change it.
+    # The first layer of a process fixes the policy, which a later floatx does not change.
     keras.config.set_dtype_policy(array.dtype.name)
 
 
 def _exact(adam: keras.optimizers.Adam) -> None:
-    """Let Adam correct its moments with decays in float64, if that is what it computes in.
+    """In float64, make Adam correct the bias of its moments with float64 decays.
 
-    Keras turns its decays, Python's numbers, into float32 before it widens them: 1 - 0.999 is then
-    off by 1.3e-5, and so is every step. In float32 that is the rule itself.
+    Keras converts its decays, which are Python floats, to float32 first: 1 - 0.999 is then off by
+    1.3e-5, and so is every step.
     """
     if keras.config.floatx() == "float64":
         adam.beta_1, adam.beta_2 = np.float64(adam.beta_1), np.float64(adam.beta_2)

@@ -18,7 +18,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from dsnet.view.clip_list import open_repertoire
+from dsnet.view.clip_list import open_clip_list
 from dsnet.view.page import document
 from dsnet.view.scene import Scene
 
@@ -31,8 +31,8 @@ _MARK = "objects.inv"
 
 def demo() -> str:
     """The packaged model, alive in a page, on three samples."""
-    repertoire = open_repertoire(None, None)
-    return document(Scene(replace(repertoire, takes={n: repertoire.takes[n] for n in SAMPLES})))
+    clip_list = open_clip_list(None, None)
+    return document(Scene(replace(clip_list, clips={n: clip_list.clips[n] for n in SAMPLES})))
 
 
 def main() -> None:

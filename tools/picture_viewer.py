@@ -12,7 +12,7 @@ from pathlib import Path
 from benchmarks.processes import run_as_process
 from bridge.errors import DsnetError
 from bridge.runs import Run
-from dsnet.view.clip_list import open_repertoire
+from dsnet.view.clip_list import open_clip_list
 from dsnet.view.page import serving
 from dsnet.view.scene import Scene
 from tools.headless_chromium import PATIENCE_MS, chromium, open_page, why_missing
@@ -43,7 +43,7 @@ def main(config: Picture) -> None:
         raise DsnetError(why, "a browser", "Install it.")
     run = None if config.run is None else Run(config.run)
     motion = None if run else Path("sample:jumping_jacks")
-    scene = Scene(open_repertoire(run, motion))
+    scene = Scene(open_clip_list(run, motion))
     with (
         serving(scene, 0) as address,
         chromium() as browser,

@@ -96,13 +96,13 @@ class LesserTraining(PlusTraining):
             weights[name].trainable = False
         return layer
 
-    def told_by_shape(self, weights: Weights) -> Weights:
-        """As learned, if shape tells nothing."""
-        return super().told_by_shape(weights) if self.settings.by_shape else weights
+    def explained_by_shape(self, weights: Weights) -> Weights:
+        """Leave the weights as learned if shape is not to explain them."""
+        return super().explained_by_shape(weights) if self.settings.by_shape else weights
 
-    def starts(self, number: int, moving: list[NDArray]) -> list[NDArray]:
-        """From the data's own past in every round, if they do not learn through time."""
-        return super().starts(number, moving) if self.settings.through_time else moving
+    def starts(self, number: int, dynamic: list[NDArray]) -> list[NDArray]:
+        """From the data in every round, if they do not learn through time."""
+        return super().starts(number, dynamic) if self.settings.through_time else dynamic
 
     def static_rounds(self) -> set[int]:
         """None without a static part."""

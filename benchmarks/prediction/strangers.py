@@ -23,7 +23,7 @@ from bridge.paper import N_BETAS
 from bridge.runs.files import write_text_atomically
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.onnx.onnx_graph import Graph, GraphSession
-from dsnet.onnx.tissue_graph import SheetGraph, person_of
+from dsnet.onnx.tissue_graph import TissueGraph, tissue_constants
 from dsnet.prediction.load_model import find_model
 from dsnet.synthetic.simulation import TissueSimulator
 from dsnet.synthetic.subjects import SUBJECTS
@@ -82,8 +82,8 @@ def ratios(model: TrainedPlus, body: BodyModelData, betas: NDArray) -> dict[str,
 def model_hz(model: TrainedPlus, body: BodyModelData, betas: NDArray) -> NDArray[np.floating]:
     """(P, K) at the nodes of people of shapes betas (P, 10)."""
     graph = Graph()
-    person = person_of(graph, body, model, graph.input("betas", ("B", N_BETAS)))
-    sheet = SheetGraph.of(graph, model)
+    person = tissue_constants(graph, body, model, graph.input("betas", ("B", N_BETAS)))
+    sheet = TissueGraph.of(graph, model)
     load = 0.0 * person.normals + graph.array("up", np.array([[0.0], [_LOAD_M_S2], [0.0]]))
     offsets_m = sheet.settled(sheet.springs(person), load)
     run = GraphSession(graph.model("standing", {"offsets": offsets_m}, {}, checked=False), 1)

@@ -26,7 +26,7 @@ from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.onnx.body_graph import (
     BONES,
-    TURNING,
+    POSE_FEATURES,
     Surface,
     posed_bones,
     translated,
@@ -36,7 +36,7 @@ from dsnet.onnx.body_graph import (
 from dsnet.onnx.network_graphs import decoded, dsnet_body_graph
 from dsnet.onnx.onnx_graph import Graph, Value
 from dsnet.onnx.plus_graph import plus_graph, spread
-from dsnet.onnx.tissue_graph import SheetGraph, Springs
+from dsnet.onnx.tissue_graph import Springs, TissueGraph
 from dsnet.verify import draws
 
 ARCHITECTURE = {"widths": INFERRED_WIDTHS}
@@ -104,11 +104,11 @@ def _load(graph: Graph, model: TrainedPlus, body: BodyModelData) -> Value:
     theta = graph.input("theta", ("B", THETA_SIZE))
     betas = graph.input("betas", ("B", N_BETAS))
     before = graph.input("before", ("B", 3, len(model.nodes)))
-    bones, turning = posed_bones(graph, body, theta, betas)
+    bones, features = posed_bones(graph, body, theta, betas)
     nodes = Surface(graph, body, model.nodes.vertices)
     *columns, shift = (bones @ nodes.weights).split(1, [3, 3, 3, 3])
-    places = turned(columns, shift, nodes.rest(turning, betas))
-    return SheetGraph.of(graph, model).load(3600.0 * (places - before), columns)
+    places = turned(columns, shift, nodes.rest(features, betas))
+    return TissueGraph.of(graph, model).load(3600.0 * (places - before), columns)
 
 
 def _step(graph: Graph, model: TrainedPlus, body: BodyModelData) -> Value:
@@ -117,16 +117,16 @@ def _step(graph: Graph, model: TrainedPlus, body: BodyModelData) -> Value:
     shapes = Springs.shapes(nodes).items()
     springs = Springs(**{name: graph.input(name, ("B", *shape)) for name, shape in shapes})
     now, before, load = (graph.input(n, ("B", 3, nodes)) for n in ("now", "before", "load"))
-    return SheetGraph.of(graph, model).frame(springs, now, before, load)[0]
+    return TissueGraph.of(graph, model).frame(springs, now, before, load)[0]
 
 
 def skinned(graph: Graph, body: BodyModelData) -> Value:
     """From a pose to posed vertices (B, V, 3), without offsets."""
     theta = graph.input("theta", ("B", THETA_SIZE))
     betas = graph.input("betas", ("B", N_BETAS))
-    bones, turning = posed_bones(graph, body, theta, betas)
+    bones, features = posed_bones(graph, body, theta, betas)
     skin = Surface(graph, body, slice(None))
-    rest = skin.rest(turning, betas)
+    rest = skin.rest(features, betas)
     return skin.skinned(translated(graph, bones, translation(theta)), rest)
 
 
@@ -137,7 +137,7 @@ def weights_bytes(model: onnx.ModelProto) -> int:
 
 def multiplications(nodes: int) -> dict[str, int]:
     """A character and frame, by part."""
-    posing = (TURNING + N_BETAS) * 3 + 12 * BONES + 9
+    posing = (POSE_FEATURES + N_BETAS) * 3 + 12 * BONES + 9
     load, step = nodes * posing, 6 * 3 * nodes**2
     skinning, spreading = N_VERTICES * posing, 8 * 3 * N_VERTICES
     widths = INFERRED_WIDTHS[::-1]

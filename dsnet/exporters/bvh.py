@@ -14,18 +14,18 @@ from bridge.body import BodyModelData
 from bridge.body.posing import joint_rotations, shaped_joints
 from dsnet.prediction.moving_body import MovingBody
 
-_TIP = 0.5
-"""Of a bone without a child, as a share of the bone before it: no joint says where it ends."""
-_TURNS = "Zrotation Xrotation Yrotation"
+_END_SITE = 0.5
+"""Length of a last bone relative to its parent's: no joint says where it ends."""
+_ROTATIONS = "Zrotation Xrotation Yrotation"
 
 
 def write(path: Path, moving: MovingBody) -> None:
-    """Write one file: metres, y up, degrees; joints by SMPL's names, at rest in its T."""
+    """Write one file: metres, y up, degrees; joints have SMPL's names, the rest pose is its T."""
     body, motion = moving.body, moving.motion
     joints_m = shaped_joints(body, motion.betas[None])[0]
-    turns = joint_rotations(body, moving.pose)
+    rotations = joint_rotations(body, moving.pose)
     order = [*_depth_first(body, 0)]
-    rows = [motion.trans_m + joints_m[0], *(_degrees(turns[:, joint]) for joint in order)]
+    rows = [motion.trans_m + joints_m[0], *(_degrees(rotations[:, joint]) for joint in order)]
     with path.open("w", encoding="ascii", newline="\n") as file:
         file.write("HIERARCHY\n" + "\n".join(_hierarchy(body, joints_m, 0)) + "\nMOTION\n")
         file.write(f"Frames: {len(moving)}\nFrame Time: {1 / motion.fps:.9f}\n")
@@ -43,12 +43,12 @@ def _depth_first(body: BodyModelData, joint: int) -> Iterator[int]:
 
 
 def _hierarchy(body: BodyModelData, joints_m: NDArray, joint: int) -> Iterator[str]:
-    """Lines of a joint and all below it."""
+    """Lines of a joint and its descendants."""
     parent = body.parents[joint]
-    # Some readers add the root's offset to its channels, others do not: it is zero.
+    # The root's offset is zero, as some readers add it to the channels and others do not.
     bone_m = joints_m[joint] - joints_m[max(parent, 0)]
-    kind, channels = ("JOINT", f"3 {_TURNS}") if parent >= 0 else (
-        "ROOT", f"6 Xposition Yposition Zposition {_TURNS}"
+    kind, channels = ("JOINT", f"3 {_ROTATIONS}") if parent >= 0 else (
+        "ROOT", f"6 Xposition Yposition Zposition {_ROTATIONS}"
     )  # fmt: skip
     yield f"{kind} {body.joint_names[joint]}"
     yield "{"
@@ -58,7 +58,7 @@ def _hierarchy(body: BodyModelData, joints_m: NDArray, joint: int) -> Iterator[s
     for child in children:
         yield from _hierarchy(body, joints_m, child)
     if not children:
-        yield from ("End Site", "{", f"OFFSET {_numbers(_TIP * bone_m)}", "}")
+        yield from ("End Site", "{", f"OFFSET {_numbers(_END_SITE * bone_m)}", "}")
     yield "}"
 
 
@@ -67,9 +67,9 @@ def _numbers(values: NDArray) -> str:
 
 
 def _degrees(rotations: NDArray) -> NDArray[np.float64]:
-    """(T, 3) about z, x and y, without jumps of a whole turn."""
+    """Euler angles (T, 3) about z, x and y, without jumps of a whole turn."""
     with warnings.catch_warnings():
-        # Where two axes fall together any of the turns will do.
+        # Where two axes coincide, any of the solutions is right.
         warnings.filterwarnings("ignore", "Gimbal lock", UserWarning)
-        found = Rotation.from_matrix(rotations).as_euler("ZXY", degrees=True)
-    return np.unwrap(found, axis=0, period=360)
+        angles = Rotation.from_matrix(rotations).as_euler("ZXY", degrees=True)
+    return np.unwrap(angles, axis=0, period=360)

@@ -1,8 +1,8 @@
 """A motion as pictures: SMPL alone, and beside it each predicted skin, its offsets as colours.
 
-The bodies are turned so that they mostly look at the camera, a little to the side, and what they
-walk along the floor is taken out smoothly; height above the floor stays. Around each picture stand
-titles, the colours' scale in cm and whose data it is.
+The bodies are turned so that they mostly face the camera, a little to the side. The smoothed path
+along the floor is removed; height above the floor stays. Each picture has titles, the scale of the
+colours in cm and a line that names the data.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from dsnet.prediction.moving_body import MovingBody
 from dsnet.report.panels import MAGNITUDE_COLOURS, footer, magnitude_colours, scale_top_m
 from dsnet.report.render import frame_camera, render_bodies
 
-_SMOOTH_S, _ASIDE_RAD, _GAP_M = 0.5, 0.35, 0.15
-_VERTICES_SKIPPED = 10
+_SMOOTH_S, _CAMERA_ANGLE_RAD, _GAP_M = 0.5, 0.35, 0.15
+_EVERY_VERTEX = 10
 _FRAMES_MEASURED = 300
-"""At most so many frames say how large offsets are."""
+"""Most frames by which the colours are scaled."""
 _TITLE_PX, _FOOT_PX, _BAR_PX, _DPI = 30, 22, 62, 100
 _POINTS_A_PX = 72 / _DPI
 
 
 class RenderedClip:
-    """Pages of a clip, in order when iterated; predicts the motion twice.
+    """An iterable of a clip's pages, in order; the motion is predicted twice.
 
     Parameters
     ----------
-    moving : the same body in the same motion, moved by one predictor or several.
-    fps : pictures a second; those frames are drawn that come nearest below the motion's rate.
-    body_px : room for each body, from left to right; an even number.
-    recorded : whose motion it is, if it was recorded.
+    moving : the same body and motion by one or several predictors.
+    fps : wanted pictures a second; every n-th frame is drawn, so that the rate comes near.
+    body_px : width for each body, an even number.
+    recorded : source of the motion, if it was recorded.
     """
 
     def __init__(
@@ -87,13 +87,13 @@ class RenderedClip:
                 yield posed.vertices_m[row], magnitude_colours(sizes_m, self._stage.top_m)
 
     def with_all_colours(self) -> Image.Image:
-        """The first page as if offsets of every size lay upon the body: what a palette is for."""
+        """The first page with all colours of the scale on the bodies, to make a palette of."""
         first_m = self._pose_alone(0)
         ramp = (first_m[:, 1] - first_m[:, 1].min()) / np.ptp(first_m[:, 1])
         return self._draw((0, [(first_m, magnitude_colours(ramp, 1.0))] * len(self._moving)))
 
     def _draw(self, item: tuple[int, Sequence[tuple[NDArray, NDArray]]]) -> Image.Image:
-        """The page of a frame, for which each predictor gives vertices and colours (V, 3)."""
+        """The page of one frame: its number, and vertices and colours (V, 3) of each predictor."""
         frame, predicted = item
         bodies = [(self._pose_alone(frame), None), *predicted]
         picture = render_bodies(
@@ -111,14 +111,14 @@ class RenderedClip:
 
 
 class ClipStage:
-    """Where the bodies of each frame stand, and what is common to all pictures.
+    """Positions of the bodies, camera and colour scale, which all pictures of a clip share.
 
-    Predicts the motion once and fits the `camera`, `width_px` wide, to each `step`-th frame. Skin
+    Predicts the motion once and fits the `camera`, `width_px` wide, to every `step`-th frame. Skin
     offsets of the size `top_m` get the darkest colour.
 
     Parameters
     ----------
-    moving : the same motion by each predictor; before their columns is one for SMPL alone.
+    moving : the same motion by each predictor; the first column is for SMPL alone.
     """
 
     def __init__(self, moving: Sequence[MovingBody], step: int, width_px: int) -> None:
@@ -126,19 +126,19 @@ class ClipStage:
         pose, trans_m = unpack_theta(motion.theta)
         path_m = gaussian_filter1d(trans_m, _SMOOTH_S * motion.fps, axis=0, mode="nearest")
         self._path_m = path_m * [1.0, 0.0, 1.0]
-        self._turn, self._apart_m = turned_to_camera(pose, _ASIDE_RAD), 0.0
-        looked_at = -(-len(motion.theta) // (step * _FRAMES_MEASURED))
+        self._turn, self._column_m = turned_to_camera(pose, _CAMERA_ANGLE_RAD), 0.0
+        every_drawn = -(-len(motion.theta) // (step * _FRAMES_MEASURED))
         low, high, sizes_m = np.full(3, np.inf), np.full(3, -np.inf), []
         for posed in chain.from_iterable(one.shown("measure") for one in moving):
             for row in range(-posed.frames.start % step, len(posed), step):
                 frame = posed.frames.start + row
-                seen = self.place(posed.vertices_m[row, ::_VERTICES_SKIPPED], frame, 0)
-                low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
-                if frame // step % looked_at == 0:
-                    offsets_m = posed.offsets_m[row, ::_VERTICES_SKIPPED]
+                drawn = self.place(posed.vertices_m[row, ::_EVERY_VERTEX], frame, 0)
+                low, high = np.minimum(low, drawn.min(axis=0)), np.maximum(high, drawn.max(axis=0))
+                if frame // step % every_drawn == 0:
+                    offsets_m = posed.offsets_m[row, ::_EVERY_VERTEX]
                     sizes_m.append(np.linalg.norm(offsets_m, axis=1))
-        self._apart_m = high[0] - low[0] + _GAP_M
-        high[0] += self._apart_m * len(moving)
+        self._column_m = high[0] - low[0] + _GAP_M
+        high[0] += self._column_m * len(moving)
         corners = np.array(list(product(*zip(low, high, strict=True))))
         size = np.ptp(corners, axis=0)
         height_px = width_px * (size[1] + 0.15 * size[2]) / size[0]
@@ -149,17 +149,19 @@ class ClipStage:
         self.top_m = scale_top_m(np.concatenate(sizes_m))
 
     def place(self, vertices_m: NDArray, frame: int, column: int) -> NDArray[np.float64]:
-        """(V, 3) vertices of one frame where they are drawn, in a column from 0."""
+        """Vertices (V, 3) of one frame as they are drawn in a column, which is counted from 0."""
         placed = self._turn.apply(vertices_m - self._path_m[frame])
-        placed[:, 0] += column * self._apart_m
+        placed[:, 0] += column * self._column_m
         return placed
 
 
-def turned_to_camera(pose: NDArray, aside_rad: float) -> Rotation:
-    """About the vertical, so that a camera that looks along -z, and stands aside by an angle, sees
-    the front of pose (T, 22, 3)."""
+def turned_to_camera(pose: NDArray, angle_rad: float) -> Rotation:
+    """The rotation about y after which bodies of pose (T, 22, 3) face a camera that looks along -z.
+
+    They are turned aside by `angle_rad`.
+    """
     ahead = Rotation.from_rotvec(pose[:, 0]).apply([0.0, 0.0, 1.0]).mean(axis=0)
-    return Rotation.from_euler("y", aside_rad - np.arctan2(ahead[0], ahead[2]))
+    return Rotation.from_euler("y", angle_rad - np.arctan2(ahead[0], ahead[2]))
 
 
 class ClipPage:
@@ -169,8 +171,8 @@ class ClipPage:
     ----------
     width_px, height_px : of the picture, even numbers.
     titles : of the bodies, from left to right.
-    top_m : what the darkest colour means.
-    recorded : whose motion it is, if it was recorded.
+    top_m : offset of the darkest colour.
+    recorded : source of the motion, if it was recorded.
     """
 
     def __init__(
@@ -186,12 +188,12 @@ class ClipPage:
         self._time_place = 6, _TITLE_PX + height_px - 16
         self._font = ImageFont.load_default(12)
         self.size_px = page_px = width_px + _BAR_PX, height_px + _TITLE_PX + _FOOT_PX
-        # Matplotlib cuts off what is less than a pixel, as 4.14 * 100 is less than 414.
+        # Half a pixel more, as Matplotlib rounds down: 4.14 * 100 is less than 414.
         width_in, height_in = ((side_px + 0.5) / _DPI for side_px in page_px)
         figure = Figure(figsize=(width_in, height_in), dpi=_DPI)
 
         def place(x_px: float, y_px: float) -> tuple[float, float]:
-            """From the left and the top as parts of the page, from the bottom."""
+            """Pixels from left and top as shares of the page from left and bottom."""
             return x_px / page_px[0], 1 - y_px / page_px[1]
 
         column_px = width_px / len(titles)

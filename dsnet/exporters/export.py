@@ -1,4 +1,4 @@
-"""A moving body, or a predictor, as a file for another tool: from Python."""
+"""`dsnet.export`: write a moving body, or a predictor, as a file for another tool."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def export(
 
     Parameters
     ----------
-    motion : a motion file or `sample:NAME`; None for `onnx`, which holds the predictor itself.
+    motion : a motion file or `sample:NAME`; None for `onnx`, which holds the predictor alone.
     out : a new file, or for `pc2`, `mdd`, `obj` and `ply` a new folder.
-    to : one of usd, pc2, mdd, obj, ply, glb, abc, bvh, npz, npz55, smpl, gif, mp4, html, onnx; what
-        the name of `out` ends in when left out.
-    model : whose predictor moves the skin: see `load_model`.
+    to : one of usd, pc2, mdd, obj, ply, glb, abc, bvh, npz, npz55, smpl, gif, mp4, html, onnx; by
+        the suffix of `out` when None.
+    model : predictor that moves the skin, see `load_model`.
     precision : of the large kernels of an onnx graph.
     controls : fields of `Controls`, as in `gain=1.5, part_gain=["belly=2"]`.
 
@@ -41,7 +41,7 @@ def export(
     Raises
     ------
     DsnetError
-        If `out` exists, or the format, the motion or what is asked for does not.
+        If `out` exists, or the format, the motion or a control is not valid.
     """
     config = ExportConfig(
         to=to or format_of(Path(out)),
@@ -56,9 +56,9 @@ def export(
 
 
 def format_of(out: Path) -> str:
-    """The first format whose files end as `out` does."""
-    for name, form in FORMATS.items():
-        if out.suffix.lower() in form.suffixes:
+    """The first format that has the suffix of `out`."""
+    for name, entry in FORMATS.items():
+        if out.suffix.lower() in entry.suffixes:
             return name
-    endings = ", ".join(sorted({end for form in FORMATS.values() for end in form.suffixes}))
+    endings = ", ".join(sorted({end for entry in FORMATS.values() for end in entry.suffixes}))
     raise DsnetError(f"{out} without a format", f"a name that ends in {endings}", "Pass to=.")

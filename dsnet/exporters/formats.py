@@ -1,4 +1,4 @@
-"""What `dsnet export --to` can write: one entry a format, which names the function that does it."""
+"""The formats of `dsnet export --to`: one entry each, which names the function that writes it."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ class Format:
 
     writer_name: str
     """Module and function `write(path, moving)`, which writes a `MovingBody` to a new file, or into
-    an empty folder, and holds some frames at a time."""
+    an empty folder, with few frames in memory at a time."""
     suffixes: tuple[str, ...] = ()
-    """What the name of its one file may end in; none if it is a folder of files."""
+    """Suffixes of its file; none if it is a folder of files."""
     package: str | None = None
-    """What it needs beyond the installation without extras, as it is imported."""
+    """Module that must be importable, besides those of the installation without extras."""
     extra: str | None = None
-    """The extra that brings it."""
+    """The extra that installs this module."""
     several: bool = False
-    """Whether its writer takes several moving bodies, of one body and motion."""
-    of_motion: bool = True
-    """Whether it shows a motion; else it holds a predictor and its body, for motions to come."""
+    """Whether its writer takes several moving bodies: one motion by several predictors."""
+    needs_motion: bool = True
+    """Whether it shows a motion; otherwise it holds a predictor and its body, for any motion."""
 
     @property
     def is_folder(self) -> bool:
@@ -35,13 +35,13 @@ class Format:
         return not self.suffixes
 
     def writer(self) -> Callable[..., None]:
-        """Its function, whose module is imported now."""
+        """Import its module and give its function."""
         module, _, name = self.writer_name.rpartition(".")
         return getattr(import_module(module), name)
 
 
 FORMATS = {
-    "onnx": Format("dsnet.exporters.onnx_model.export_onnx", (".onnx",), of_motion=False),
+    "onnx": Format("dsnet.exporters.onnx_model.export_onnx", (".onnx",), needs_motion=False),
     "usd": Format("dsnet.exporters.usd.write", (".usd", ".usdc", ".usda"), "pxr", "usd"),
     "pc2": Format("dsnet.exporters.mesh_files.write_pc2"),
     "mdd": Format("dsnet.exporters.mesh_files.write_mdd"),
@@ -62,18 +62,18 @@ FORMATS = {
 
 
 def chosen_format(name: str, out: Path) -> Format:
-    """The format `name`, if it can be written here to a path like `out`."""
+    """The format `name`; `DsnetError` if a package is missing or the suffix of `out` is another."""
     if name not in FORMATS:
-        blender = "Take --to glb or usd, and convert it in Blender."
+        blender = "Pass --to glb or usd, and convert it in Blender."
         remedy = blender if name.lower() == "fbx" else "Pass one of these."
         raise unknown_name(f"--to {name}", name, FORMATS, remedy)
-    form = FORMATS[name]
-    if form.package and form.extra:
-        require_package(form.package, form.extra, f"--to {name}")
-    if form.suffixes and out.suffix.lower() not in form.suffixes:
+    chosen = FORMATS[name]
+    if chosen.package and chosen.extra:
+        require_package(chosen.package, chosen.extra, f"--to {name}")
+    if chosen.suffixes and out.suffix.lower() not in chosen.suffixes:
         raise DsnetError(
             f"--out {out} with --to {name}",
-            f"a file whose name ends in {' or '.join(form.suffixes)}",
-            f"Pass --out {out.with_suffix(form.suffixes[0])}.",
+            f"a file whose name ends in {' or '.join(chosen.suffixes)}",
+            f"Pass --out {out.with_suffix(chosen.suffixes[0])}.",
         )
-    return form
+    return chosen

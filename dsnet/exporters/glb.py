@@ -1,7 +1,7 @@
-"""glTF binary: SMPL's skeleton and weights, blend shapes for flesh, and the motion as an animation.
+"""glTF binary: SMPL's skeleton and weights, blend shapes for soft tissue, and an animation.
 
-What browsers, engines and Blender play. The blend shapes belong to this motion
-(`BlendShapes`); the largest error that they leave stands in the file's `extras`.
+Browsers, engines and Blender play it. The blend shapes are fitted to this motion (`BlendShapes`);
+the file's `extras` have their largest error.
 """
 
 from __future__ import annotations
@@ -18,34 +18,34 @@ from bridge.body import BodyModelData
 from bridge.body.posing import joint_rotations, pose_features, shaped_joints, shaped_vertices
 from bridge.body.surface_operators import vertex_normals
 from bridge.motion.smoothing import continuous_quaternions
-from dsnet.exporters.output import about
+from dsnet.exporters.output import export_facts
 from dsnet.prediction.moving_body import MovedFrames, MovingBody
 
 FRAMES_FITTED = 256
-"""At most so many frames, evenly spaced, are looked at for directions."""
+"""Most frames, evenly spaced, to which the directions are fitted."""
 MOST_SHAPES = 64
-"""Directions at most; engines grow slow with more. A frame uses one shape of each."""
+"""Most directions, as engines grow slow with more. A direction has two blend shapes."""
 ENOUGH_M = 2e-4
-"""Largest error of a vertex in the frames that are looked at, where fewer than the most do."""
+"""Largest error of a vertex in the fitted frames at which no more directions are added."""
 _SET = 4
-"""Joints of a vertex in one set: SMPL needs one; of several some players know the first alone."""
+"""Joints of a vertex in one set: SMPL needs one set; some players read only the first."""
 _TYPES = {np.dtype("f4"): 5126, np.dtype("u4"): 5125, np.dtype("u1"): 5121}
 _WIDTHS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
 class BlendShapes:
-    """What SMPL and the predictor add before skinning, as few blend shapes.
+    """Pose blend shapes and skin offsets of one motion as few blend shapes.
 
-    Pose blend shapes and skin offsets are some ten thousand numbers a frame, but few of their
-    directions matter in one motion. The principal ones become blend shapes: for each one along it
-    and one against it, scaled so that weights stay within 0 and 1, for Blender cuts off what is
-    below. The body is predicted twice: to find them, and their weights.
+    Both are some ten thousand numbers a frame, but few of their directions matter in one motion.
+    Of each principal direction there are two blend shapes, with opposite signs, scaled so that
+    weights are within 0 and 1, as Blender clips negative ones. The motion is predicted twice: to
+    fit the directions, and for their weights.
 
     Attributes
     ----------
-    rest_m : (V, 3) what the shapes are added to, before skinning.
+    rest_m : (V, 3) the mesh that the shapes are added to, before skinning.
     names, shapes_m, weights : of K shapes; (K, V, 3) and (T, K), 0 to 1.
-    error_m : the largest distance of a vertex from where it should be, before skinning.
+    error_m : the largest error of a vertex, before skinning.
     """
 
     def __init__(self, moving: MovingBody) -> None:
@@ -55,12 +55,13 @@ class BlendShapes:
         self._fit(moving)
         shaped_m = shaped_vertices(self._body, moving.motion.betas[None])[0]
         self.rest_m = shaped_m + self._mean_m.reshape(-1, 3)
-        self.error_m, found = 0.0, []
+        self.error_m, coefficients_m = 0.0, []
         for posed in moving.shown("shapes"):
             moved_m = self.displaced_m(posed)
-            found.append(self._along(moved_m))
-            self.error_m = max(self.error_m, self._missed_m(moved_m, found[-1]))
-        self.names, self.shapes_m, self.weights = self._one_sided(np.concatenate(found))
+            coefficients_m.append(self._coefficients_m(moved_m))
+            self.error_m = max(self.error_m, self._error_m(moved_m, coefficients_m[-1]))
+        shapes = self._one_sided(np.concatenate(coefficients_m))
+        self.names, self.shapes_m, self.weights = shapes
 
     def _fit(self, moving: MovingBody) -> None:
         """Find the mean (3V,) and as many directions (K, 3V), orthonormal, as the frames need."""
@@ -72,48 +73,51 @@ class BlendShapes:
         frames_m = np.concatenate(kept)
         self._mean_m = frames_m.mean(axis=0)
         _, size, directions = np.linalg.svd(frames_m - self._mean_m, full_matrices=False)
-        # A direction that no frame takes is rounding.
+        # Leave out directions that are only rounding errors.
         directions = directions[: np.count_nonzero(size > 1e-6 * max(size[0], 1e-9))]
         self.directions = directions[:MOST_SHAPES]
-        weights_m = self._along(frames_m)
+        coefficients_m = self._coefficients_m(frames_m)
         for count in range(1, len(self.directions)):
-            if self._missed_m(frames_m, weights_m[:, :count]) <= ENOUGH_M:
+            if self._error_m(frames_m, coefficients_m[:, :count]) <= ENOUGH_M:
                 self.directions = self.directions[:count]
                 return
 
     def displaced_m(self, posed: MovedFrames) -> NDArray[np.float32]:
-        """(T', 3V) of each frame's rest pose from the shaped body: before skinning, metres."""
+        """Displacements (T', 3V) of the shaped body before skinning, metres."""
         turns = joint_rotations(self._body, self._pose[posed.frames])
         features = pose_features(turns).astype(np.float32)
         moved_m = posed.offsets_m.reshape(len(posed), -1).copy()
         moved_m += features @ self._posedirs
         return moved_m
 
-    def _along(self, moved_m: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(T', K) how far displacements (T', 3V) go along the directions."""
+    def _coefficients_m(self, moved_m: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Coefficients (T', K) of displacements (T', 3V) by the directions."""
         return np.asarray((moved_m - self._mean_m) @ self.directions.T, np.float32)
 
-    def _missed_m(self, moved_m: NDArray[np.float32], along_m: NDArray[np.float32]) -> float:
-        """Largest distance of a vertex that the first directions (T', K') leave."""
-        missed = moved_m - self._mean_m - along_m @ self.directions[: along_m.shape[1]]
-        return float(np.linalg.norm(missed.reshape(len(moved_m), -1, 3), axis=-1).max())
+    def _error_m(self, moved_m: NDArray[np.float32], coefficients_m: NDArray[np.float32]) -> float:
+        """Largest error of a vertex with coefficients (T', K') of the first directions."""
+        rebuilt_m = coefficients_m @ self.directions[: coefficients_m.shape[1]]
+        error_m = moved_m - self._mean_m - rebuilt_m
+        return float(np.linalg.norm(error_m.reshape(len(moved_m), -1, 3), axis=-1).max())
 
     def _one_sided(
-        self, along_m: NDArray[np.float32]
+        self, coefficients_m: NDArray[np.float32]
     ) -> tuple[list[str], NDArray[np.float32], NDArray[np.float32]]:
-        """Of all that some frame takes."""
+        """Names, shapes and weights of the blend shapes that some frame uses."""
         sides = {"plus": 1, "minus": -1}
         count = len(self.directions)
         names = [f"shape_{number:02d}_{side}" for side in sides for number in range(count)]
-        sided_m = np.concatenate([(sign * along_m).clip(0) for sign in sides.values()], axis=1)
-        taken, reach_m = np.flatnonzero(sided_m.any(axis=0)), sided_m.max(axis=0)
-        directions = np.concatenate([sign * self.directions for sign in sides.values()])[taken]
-        shapes_m = (directions * reach_m[taken, None]).reshape(len(taken), *self.rest_m.shape)
-        return [names[n] for n in taken], shapes_m, sided_m[:, taken] / reach_m[taken]
+        sided_m = np.concatenate(
+            [(sign * coefficients_m).clip(0) for sign in sides.values()], axis=1
+        )
+        used, largest_m = np.flatnonzero(sided_m.any(axis=0)), sided_m.max(axis=0)
+        directions = np.concatenate([sign * self.directions for sign in sides.values()])[used]
+        shapes_m = (directions * largest_m[used, None]).reshape(len(used), *self.rest_m.shape)
+        return [names[n] for n in used], shapes_m, sided_m[:, used] / largest_m[used]
 
 
 class _Buffer:
-    """Arrays one after another, each with its accessor."""
+    """glTF's one buffer: arrays one after another, each with a view and an accessor."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
@@ -122,18 +126,18 @@ class _Buffer:
         self.size = 0
 
     def add(self, array: NDArray, *, bounds: bool = False) -> int:
-        """The accessor of (N,) or (N, width) numbers; with their bounds where glTF wants them.
+        """Append (N,) or (N, width) numbers, with `bounds` if glTF needs them; gives the accessor.
 
-        Real numbers are stored in 32 bits.
+        float64 is stored as float32.
         """
         rows = np.ascontiguousarray(array).reshape(len(array), -1)
         rows = rows.astype("f4") if rows.dtype == "f8" else rows
         stored = rows.tobytes()
         self.views.append({"buffer": 0, "byteOffset": self.size, "byteLength": len(stored)})
-        said = {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()} if bounds else {}
+        limits = {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()} if bounds else {}
         kind = {"componentType": _TYPES[rows.dtype], "type": _WIDTHS[rows.shape[1]]}
         view = {"bufferView": len(self.views) - 1, "count": len(rows)}
-        self.accessors.append({**view, **kind, **said})
+        self.accessors.append({**view, **kind, **limits})
         self.parts.append(stored + bytes(-len(stored) % 4))
         self.size += len(self.parts[-1])
         return len(self.accessors) - 1
@@ -147,7 +151,7 @@ def write(path: Path, moving: MovingBody) -> None:
     bind = np.tile(np.eye(4), (bones, 1, 1))
     bind[:, 3, :3] = -joints_m  # glTF's matrices lie column by column
     skin = {"joints": [*range(bones)], "skeleton": 0, "inverseBindMatrices": buffer.add(bind)}
-    extras = {"dsnet": {**about(moving), "largest_error_mm": 1e3 * shapes.error_m}}
+    extras = {"dsnet": {**export_facts(moving), "largest_error_mm": 1e3 * shapes.error_m}}
     scene = {
         "asset": {"version": "2.0", "generator": "dsnet", "extras": extras},
         "scene": 0,
@@ -171,7 +175,7 @@ def write(path: Path, moving: MovingBody) -> None:
 
 
 def _bones(body: BodyModelData, joints_m: NDArray) -> list[dict[str, Any]]:
-    """A node a joint, at rest."""
+    """A glTF node for each joint, in the rest pose."""
     nodes = []
     for number, (name, parent) in enumerate(zip(body.joint_names, body.parents, strict=True)):
         place_m = joints_m[number] - (joints_m[parent] if parent >= 0 else 0)
@@ -187,20 +191,20 @@ def _mesh(buffer: _Buffer, body: BodyModelData, shapes: BlendShapes) -> dict[str
         "NORMAL": buffer.add(vertex_normals(shapes.rest_m, body.faces)),
     }
     order = np.argsort(-body.weights, axis=1, kind="stable")
-    shares = np.take_along_axis(body.weights, order, axis=1)
-    for number, start in enumerate(range(0, (shares > 0).sum(axis=1).max(), _SET)):
-        joints, share = (array[:, start : start + _SET] for array in (order, shares))
-        attributes[f"JOINTS_{number}"] = buffer.add(np.where(share > 0, joints, 0).astype("u1"))
-        attributes[f"WEIGHTS_{number}"] = buffer.add(share)
+    sorted_weights = np.take_along_axis(body.weights, order, axis=1)
+    for number, start in enumerate(range(0, (sorted_weights > 0).sum(axis=1).max(), _SET)):
+        joints, weights = (array[:, start : start + _SET] for array in (order, sorted_weights))
+        attributes[f"JOINTS_{number}"] = buffer.add(np.where(weights > 0, joints, 0).astype("u1"))
+        attributes[f"WEIGHTS_{number}"] = buffer.add(weights)
     primitive: dict[str, Any] = {
         "attributes": attributes,
         "indices": buffer.add(body.faces.astype("u4").ravel()),
     }
     mesh: dict[str, Any] = {"name": "body", "primitives": [primitive]}
     if shapes.names:
-        added = [buffer.add(shape_m, bounds=True) for shape_m in shapes.shapes_m]
-        primitive["targets"] = [{"POSITION": accessor} for accessor in added]
-        mesh |= {"weights": [0.0] * len(added), "extras": {"targetNames": shapes.names}}
+        targets = [buffer.add(shape_m, bounds=True) for shape_m in shapes.shapes_m]
+        primitive["targets"] = [{"POSITION": accessor} for accessor in targets]
+        mesh |= {"weights": [0.0] * len(targets), "extras": {"targetNames": shapes.names}}
     return mesh
 
 
@@ -208,14 +212,14 @@ def _animation(
     buffer: _Buffer, moving: MovingBody, joints_m: NDArray, shapes: BlendShapes
 ) -> dict[str, Any]:
     time = buffer.add(np.arange(len(moving)) / moving.motion.fps, bounds=True)
-    turns = continuous_quaternions(moving.pose)
-    followed = [(0, "translation", joints_m[0] + moving.motion.trans_m)]
-    for joint in range(turns.shape[1]):
-        followed.append((joint, "rotation", turns[:, joint]))
+    quaternions = continuous_quaternions(moving.pose)
+    animated = [(0, "translation", joints_m[0] + moving.motion.trans_m)]
+    for joint in range(quaternions.shape[1]):
+        animated.append((joint, "rotation", quaternions[:, joint]))
     if shapes.names:
-        followed.append((len(joints_m), "weights", shapes.weights.ravel()))
+        animated.append((len(joints_m), "weights", shapes.weights.ravel()))
     samplers, channels = [], []
-    for node, what, values in followed:
+    for node, what, values in animated:
         channels.append({"sampler": len(samplers), "target": {"node": node, "path": what}})
         samplers.append({"input": time, "output": buffer.add(values)})
     return {"name": moving.motion.source.stem, "samplers": samplers, "channels": channels}

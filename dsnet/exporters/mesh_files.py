@@ -1,9 +1,9 @@
-"""Meshes for tools that know no bodies: OBJ or PLY, one file a frame, and point caches.
+"""Meshes for any tool: OBJ or PLY, one file a frame, and the point caches PC2 and MDD.
 
 A point cache holds positions alone; a tool applies them to a mesh with the same vertices in the
-same order. That is the body in its first frame, `body.obj`; beside it `about.json` has the facts
-that a cache has no room for. PC2 is 3ds Max's, which Blender's Mesh Cache and others read, MDD is
-LightWave's, which Blender, Maya, Houdini and others do.
+same order: `body.obj`, the body in its first frame. `about.json` beside it has the facts that a
+cache cannot hold. PC2 comes from 3ds Max and is read by Blender's Mesh Cache and others; MDD comes
+from LightWave and is read by Blender, Maya, Houdini and others.
 """
 
 from __future__ import annotations
@@ -18,15 +18,17 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.surface_operators import vertex_normals
-from dsnet.exporters.output import about, about_in_a_line
+from dsnet.exporters.output import export_facts, facts_in_a_line
 from dsnet.prediction.moving_body import MovingBody
 
 
 def surfaces(
     moving: MovingBody, what: str | None = None
 ) -> Iterator[tuple[NDArray, NDArray, NDArray]]:
-    """Of each frame, told as `what`, if as any, on the terminal: places and normals (V, 3), metres,
-    and sizes of the skin offsets (V,)."""
+    """Vertices (V, 3), normals (V, 3) and sizes of the skin offsets (V,) of each frame, metres.
+
+    Progress is shown on the terminal with the label `what`, if there is one.
+    """
     for posed in moving.shown(what) if what else moving:
         sizes_m = np.linalg.norm(posed.offsets_m, axis=-1)
         for vertices_m, size_m in zip(posed.vertices_m, sizes_m, strict=True):
@@ -35,18 +37,18 @@ def surfaces(
 
 def write_obj(folder: Path, moving: MovingBody) -> None:
     """Write `frame_00000.obj`, ... into an empty folder."""
-    comment, faces = about_in_a_line(moving), _obj_faces(moving.body)
+    comment, faces = facts_in_a_line(moving), _obj_faces(moving.body)
     for number, (vertices_m, normals, _) in enumerate(surfaces(moving, "obj")):
-        path, said = folder / f"frame_{number:05d}.obj", f"frame {number} of {comment}"
-        _save_obj(path, vertices_m, normals, faces, said)
+        path, header = folder / f"frame_{number:05d}.obj", f"frame {number} of {comment}"
+        _save_obj(path, vertices_m, normals, faces, header)
 
 
 def write_ply(folder: Path, moving: MovingBody) -> None:
     """Write `frame_00000.ply`, ..., binary, with the size of each vertex's skin offset."""
-    import trimesh  # a second to load, which the other formats need not
+    import trimesh  # takes a second, and the other formats do not need it
     from trimesh.exchange.ply import export_ply
 
-    comment = about_in_a_line(moving)
+    comment = facts_in_a_line(moving)
     for number, (vertices_m, normals, sizes_m) in enumerate(surfaces(moving, "ply")):
         mesh = trimesh.Trimesh(
             vertices_m,
@@ -55,10 +57,10 @@ def write_ply(folder: Path, moving: MovingBody) -> None:
             vertex_attributes={"offset_m": sizes_m},
             process=False,
         )
-        # A comment stands after the two lines that a header begins with.
+        # Comments follow the first two lines of the header.
         magic, kind, rest = export_ply(mesh, vertex_normal=True).split(b"\n", 2)
-        said = f"comment frame {number} of {comment}".encode("ascii")
-        (folder / f"frame_{number:05d}.ply").write_bytes(b"\n".join([magic, kind, said, rest]))
+        inserted = f"comment frame {number} of {comment}".encode("ascii")
+        (folder / f"frame_{number:05d}.ply").write_bytes(b"\n".join([magic, kind, inserted, rest]))
 
 
 def write_pc2(folder: Path, moving: MovingBody) -> None:
@@ -66,7 +68,7 @@ def write_pc2(folder: Path, moving: MovingBody) -> None:
 
     Little-endian: the signature, version 1, the number of points, the first frame and the frames
     between samples as float32, the number of samples; then x, y, z of every point, frame by frame.
-    The rate is the scene's: a sample a frame, at 60 frames a second.
+    The format holds no rate: set the scene to 60 frames a second, one sample a frame.
     """
     points = moving.body.vertex_count
     header = struct.pack("<12siiffi", b"POINTCACHE2\0", 1, points, 0.0, 1.0, len(moving))
@@ -90,26 +92,28 @@ def _write_cache(folder: Path, name: str, header: bytes, moving: MovingBody, dty
         for posed in moving.shown("points"):
             file.write(np.ascontiguousarray(posed.vertices_m, dtype).tobytes())
     vertices_m, normals, _ = next(surfaces(moving))
-    said = f"base mesh of a point cache: {about_in_a_line(moving)}"
-    _save_obj(folder / "body.obj", vertices_m, normals, _obj_faces(moving.body), said)
-    (folder / "about.json").write_text(json.dumps(about(moving), indent=2) + "\n", encoding="utf-8")
+    comment = f"base mesh of a point cache: {facts_in_a_line(moving)}"
+    _save_obj(folder / "body.obj", vertices_m, normals, _obj_faces(moving.body), comment)
+    (folder / "about.json").write_text(
+        json.dumps(export_facts(moving), indent=2) + "\n", encoding="utf-8"
+    )
 
 
 def _save_obj(path: Path, vertices_m: NDArray, normals: NDArray, faces: str, comment: str) -> None:
-    """To the micrometre."""
-    places = _lines("v %.6f %.6f %.6f", vertices_m) + _lines("vn %.6f %.6f %.6f", normals)
-    path.write_text(f"# {comment}\n{places}{faces}", encoding="utf-8")
+    """Write one OBJ file, rounded to a micrometre."""
+    vertices = _lines("v %.6f %.6f %.6f", vertices_m) + _lines("vn %.6f %.6f %.6f", normals)
+    path.write_text(f"# {comment}\n{vertices}{faces}", encoding="utf-8")
 
 
 def _obj_faces(body: BodyModelData) -> str:
-    """Places on the texture, and faces, whose corners are vertex/place/normal."""
-    own = body.faces + 1
+    """Lines of texture coordinates and faces, whose corners are vertex/texture/normal."""
+    faces = body.faces + 1
     if body.texture is None:
-        return _lines("f %d//%d %d//%d %d//%d", np.stack([own, own], axis=2))
-    corners = np.stack([own, body.texture.corners + 1, own], axis=2)
-    faces = _lines("f %d/%d/%d %d/%d/%d %d/%d/%d", corners)
-    return _lines("vt %.6f %.6f", body.texture.places) + faces
+        return _lines("f %d//%d %d//%d %d//%d", np.stack([faces, faces], axis=2))
+    corners = np.stack([faces, body.texture.corners + 1, faces], axis=2)
+    face_lines = _lines("f %d/%d/%d %d/%d/%d %d/%d/%d", corners)
+    return _lines("vt %.6f %.6f", body.texture.places) + face_lines
 
 
-def _lines(form: str, rows: NDArray) -> str:
-    return (form + "\n") * len(rows) % tuple(rows.ravel().tolist())
+def _lines(template: str, rows: NDArray) -> str:
+    return (template + "\n") * len(rows) % tuple(rows.ravel().tolist())

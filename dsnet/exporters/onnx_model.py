@@ -1,7 +1,7 @@
 """A predictor with its body as one `.onnx` file that ONNX Runtime alone can run.
 
-The file says of itself, in its metadata, all that a user must know to feed it; what its inputs,
-outputs and state are stands in `plus_graph` and `dsnet_body_graph` of `dsnet.prediction`.
+The file's metadata say all that a user must know to feed it. Inputs, outputs and state are
+described in `dsnet.onnx.plus_graph` and, for DSNet, in `dsnet.onnx.network_graphs`.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ def export_onnx(
 ) -> None:
     """Write one predictor with the body that it moves to a new path.
 
-    Costs a second, or with fewer bits some ten.
+    Takes a second, or about ten with fewer bits than float32.
 
     Parameters
     ----------
-    run : name of the run that it is from.
-    precision : of the large kernels (`dsnet.onnx.onnx_graph`). What fewer bits cost is
-        measured and written into the file: `error_mm`, see `precision_error_mm`.
+    run : name of the predictor's run, for the metadata.
+    precision : of the large kernels (`dsnet.onnx.onnx_graph`). The error of fewer bits is
+        measured and written into the metadata `error_mm`, see `precision_error_mm`.
 
     Raises
     ------
@@ -41,20 +41,21 @@ def export_onnx(
         If there is no such precision, or predictor and body do not fit.
     """
     if precision not in PRECISIONS:
-        known = ", ".join(PRECISIONS)
-        raise DsnetError(f"precision {precision!r}", f"one of {known}", "Name one of these.")
-    made = chosen.model.graph(_about(chosen, run, precision), precision)
+        expected = f"one of {', '.join(PRECISIONS)}"
+        raise DsnetError(f"precision {precision!r}", expected, "Name one of these.")
+    graph = chosen.model.graph(_metadata(chosen, run, precision), precision)
     if precision != "float32":
-        error_mm = precision_error_mm(chosen.model.graph({}, "float32"), made)
-        said = json.dumps({name: round(mm, 4) for name, mm in error_mm.items()})
-        made.metadata_props.add(key="error_mm", value=said)
-    onnx.save_model(made, path)
+        error_mm = precision_error_mm(chosen.model.graph({}, "float32"), graph)
+        rounded = json.dumps({name: round(mm, 4) for name, mm in error_mm.items()})
+        graph.metadata_props.add(key="error_mm", value=rounded)
+    onnx.save_model(graph, path)
 
 
 def precision_error_mm(exact: onnx.ModelProto, reduced: onnx.ModelProto) -> dict[str, float]:
-    """What fewer bits cost: distances of the vertices of one motion by two graphs of a predictor.
+    """Distances between the vertices of two graphs of a predictor: the error of fewer bits.
 
-    Three different bodies hop and swing all of their joints for a second.
+    They are measured on one motion, in which three different bodies hop and swing all of their
+    joints for a second.
     """
     session = GraphSession(exact)
     count = session.input_shapes["betas"][1]
@@ -66,13 +67,13 @@ def precision_error_mm(exact: onnx.ModelProto, reduced: onnx.ModelProto) -> dict
     theta[..., -3:] = 0
     theta[..., -2] = _HOP_M * np.abs(np.sin(8 * times_s[..., 0]))
     theta, betas = theta.astype(np.float32), betas.astype(np.float32)
-    apart_m = GraphSession(reduced).rolled(theta, betas) - session.rolled(theta, betas)
-    error_mm = 1e3 * np.linalg.norm(apart_m, axis=-1)
-    found = error_mm.mean(), np.percentile(error_mm, 99), error_mm.max()
-    return dict(zip(("mean_mm", "percentile_99_mm", "max_mm"), map(float, found), strict=True))
+    difference_m = GraphSession(reduced).rollout(theta, betas) - session.rollout(theta, betas)
+    error_mm = 1e3 * np.linalg.norm(difference_m, axis=-1)
+    statistics = error_mm.mean(), np.percentile(error_mm, 99), error_mm.max()
+    return dict(zip(("mean_mm", "percentile_99_mm", "max_mm"), map(float, statistics), strict=True))
 
 
-def _about(chosen: TrainedModel, run: str, precision: Precision) -> dict[str, str]:
+def _metadata(chosen: TrainedModel, run: str, precision: Precision) -> dict[str, str]:
     body = chosen.body
     return {
         "run": run,

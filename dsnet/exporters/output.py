@@ -1,4 +1,4 @@
-"""What all exports have in common: a path that appears when it is whole, and facts in the file."""
+"""Common to all exports: a path that appears only when it is complete, and facts for the file."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from dsnet.prediction.moving_body import MovingBody
 
 @contextmanager
 def new_path(out: Path) -> Iterator[Path]:
-    """Where to write what will be `out`; an exception leaves nothing.
+    """A temporary path that is renamed to `out` at the end; after an exception nothing is left.
 
-    The path has the same name, so that writers which go by suffixes find theirs. `DsnetError` if
-    `out` is there, lies in a run, cannot be written, or another process is writing it.
+    It has the same name, as some writers go by its suffix. `DsnetError` if `out` exists, lies in a
+    run, cannot be written, or is being written by another process.
     """
-    refuse_taken(out)
+    refuse_existing(out)
     out = out.resolve()
     what, remedy = f"--out {out}", "Wait until it has ended, or name another path."
     try:
         with exclusive(out, what, remedy) as work:
-            refuse_taken(out)  # once more: it may have been made before we were alone
-            (made := work / "made").mkdir()  # the lock beside it has a name, too
+            refuse_existing(out)  # again, as it may have appeared before the lock was ours
+            (made := work / "made").mkdir()  # apart from the lock, which has a name too
             yield made / out.name
             os.replace(made / out.name, out)
     except OSError as error:
@@ -38,8 +38,8 @@ def new_path(out: Path) -> Iterator[Path]:
         ) from error
 
 
-def refuse_taken(out: Path) -> None:
-    """Refuse a path that is there, or lies in a run."""
+def refuse_existing(out: Path) -> None:
+    """Refuse a path that exists, or lies in a run."""
     if os.path.lexists(out):
         raise DsnetError(
             f"--out {out}, which exists", "a new path", "Remove it, or name another path."
@@ -52,12 +52,11 @@ def refuse_taken(out: Path) -> None:
         )
 
 
-def about(moving: MovingBody) -> dict[str, Any]:
-    """Facts of an export, as JSON has them; `data` says `synthetic`, `synthetic flesh` or
-    `licensed`.
+def export_facts(moving: MovingBody) -> dict[str, Any]:
+    """Facts of an export as JSON values; `data` is `synthetic`, `synthetic flesh` or `licensed`.
 
-    Predictor, label, betas, fps and controls have the names and values that the manifest of
-    `dsnet predict` gives them.
+    Predictor, label, betas, fps and controls have the names and values of the manifest that
+    `dsnet predict` writes.
     """
     chosen, motion = moving.trained, moving.motion
     return {
@@ -78,16 +77,16 @@ def about(moving: MovingBody) -> dict[str, Any]:
     }
 
 
-def about_in_a_line(moving: MovingBody, *beside: MovingBody) -> str:
-    """The same for a comment: one line of printable ASCII.
+def facts_in_a_line(moving: MovingBody, *others: MovingBody) -> str:
+    """The same as one line of printable ASCII, for a comment.
 
-    `beside` is what other predictors make of the same motion, if they are in the same file.
+    `others` are the same motion by other predictors, if they are in the same file.
     """
-    facts = about(moving)
-    predictors = ", ".join(one.trained.name for one in (moving, *beside))
+    facts = export_facts(moving)
+    predictors = ", ".join(one.trained.name for one in (moving, *others))
     text = (
         f"{facts['data']} data; dsnet: {predictors} of {facts['model']}, body model "
         f"{facts['body_model']}, motion {facts['motion']}, controls {json.dumps(moving.controls)}; "
         f"metres, {facts['up_axis']} up, {facts['fps']:g} frames a second"
     )
-    return "".join(sign if sign.isprintable() and sign.isascii() else "?" for sign in text)
+    return "".join(c if c.isprintable() and c.isascii() else "?" for c in text)

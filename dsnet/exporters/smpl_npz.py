@@ -1,11 +1,10 @@
-"""SMPL parameters and skin offsets: an `.npz` with AMASS's keys, and those that AMASS lacks; and
-Meshcapade's `.smpl`, which has no room for offsets that change.
+"""SMPL parameters and skin offsets as an `.npz` with AMASS's keys and more, and as `.smpl`.
 
-`poses` has the 52 joints of SMPL-H, as most of AMASS, or the 55 of SMPL-X, as its Blender add-on
-wants them; hands, jaw and eyes turn where the motion's do. `poses` and `trans` have z up as all of
-AMASS, so that its readers, ours among them, find the body upright. `theta` is the paper's pose
-vector of the same motion with y up, as in everything else that is written here. Offsets lie in the
-rest pose, which no up axis turns.
+In the `.npz`, `poses` has the 52 joints of SMPL-H, as most of AMASS, or the 55 of SMPL-X, as its
+Blender add-on needs; hands, jaw and eyes are the motion's. `poses` and `trans` have z up, as
+readers of AMASS files expect. `theta` is the paper's pose vector of the same motion with y up, as
+in all other exports. Offsets are in the rest pose, which does not depend on the up axis.
+Meshcapade's `.smpl` cannot hold offsets that change.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from bridge.body.model_data import HAND_COUNT, Kind
 from bridge.body.posing import full_pose, shaped_joints
 from bridge.motion.motion import amass_poses
 from bridge.paper import N_JOINTS
-from dsnet.exporters.output import about
+from dsnet.exporters.output import export_facts
 from dsnet.prediction.moving_body import MovingBody
 from dsnet.prediction.shape_space import pelvis_apart_m
 
@@ -36,10 +35,10 @@ _CODEC_VERSION = 2
 
 def write(path: Path, moving: MovingBody, joints: int | None = None) -> None:
     """Write `poses` (T, 3 * joints) and `trans` (T, 3), z up; `theta` (T, 69), y up; `offsets`
-    (T, V, 3). The joints are those of SMPL-X where body or motion are, else of SMPL-H.
+    (T, V, 3). `joints` are SMPL-X's if body or motion are SMPL-X, else SMPL-H's.
 
-    Beside these stand `betas` (10,), `gender`, `mocap_framerate`, `root_joint` (3,), the rest
-    position that the root turns about, and facts of the export as texts.
+    Other keys are `betas` (10,), `gender`, `mocap_framerate`, `root_joint` (3,), the rest position
+    about which the root turns, and facts of the export as texts.
     """
     joints = joints or _joints(moving)
     shape = (len(moving), moving.body.vertex_count, 3)
@@ -60,14 +59,14 @@ def write_smplx(path: Path, moving: MovingBody) -> None:
 
 
 def write_smpl(path: Path, moving: MovingBody) -> None:
-    """Write pose, path and shape as the library smplcodec reads them: y up, for SMPL's body.
+    """Write pose, translation and shape as the library smplcodec reads them: SMPL, y up.
 
-    In place of an embedded body, or of SMPL's where jaw and eyes make it SMPL-X's, stands the
-    written kind's of mean shape, with its pelvis at the same place.
+    The format knows SMPL-H and SMPL-X alone. Another body, such as an embedded one, is replaced by
+    the written kind's mean shape, with the pelvis at the same place.
     """
     motion, count = moving.motion, _joints(moving)
     kind: Kind = "smplx" if count == SMPLX_JOINTS else "smplh"
-    theirs = replace(motion, kind=kind, embedded_betas=False)
+    written = replace(motion, kind=kind, embedded_betas=False)
     same_betas = (moving.body.kind == "smplx") == (kind == "smplx")
     same_betas &= moving.body.source != "synthetic"
     pose = full_pose(motion.pose, motion.hands_and_face, count)
@@ -80,7 +79,7 @@ def write_smpl(path: Path, moving: MovingBody) -> None:
         "shapeParameters": motion.betas if same_betas else np.zeros_like(motion.betas),
         "frameCount": len(pose),
         "frameRate": motion.fps,
-        "bodyTranslation": motion.trans_m - pelvis_apart_m(theirs, moving.body),
+        "bodyTranslation": motion.trans_m - pelvis_apart_m(written, moving.body),
         "bodyPose": pose[:, :N_JOINTS],
         "headPose": head,
         "leftHandPose": left,
@@ -93,13 +92,13 @@ def write_smpl(path: Path, moving: MovingBody) -> None:
 
 
 def _joints(moving: MovingBody) -> int:
-    """Of SMPL-X where body or motion are, else of SMPL-H."""
+    """How many joints to write: SMPL-X's if body or motion are SMPL-X, else SMPL-H's."""
     with_face = moving.body.kind == "smplx" or moving.motion.all_joints.shape[1] == SMPLX_JOINTS
     return SMPLX_JOINTS if with_face else SMPLH_JOINTS
 
 
 def _parameters(moving: MovingBody, joints: int) -> dict[str, Any]:
-    facts, motion = about(moving), moving.motion
+    facts, motion = export_facts(moving), moving.motion
     root_joint_m = shaped_joints(moving.body, motion.betas[None])[0, 0]
     full = full_pose(motion.pose, motion.hands_and_face, joints)
     poses, trans_m = amass_poses(full, motion.trans_m, root_joint_m)
@@ -108,7 +107,7 @@ def _parameters(moving: MovingBody, joints: int) -> dict[str, Any]:
         "trans": trans_m,
         "betas": motion.betas,
         "gender": facts["gender"],
-        "surface_model_type": moving.body.kind,  # whose the betas are, whatever joints there are
+        "surface_model_type": moving.body.kind,  # of the betas, whatever the number of joints
         "mocap_framerate": motion.fps,
         "up_axis": "z",
         "theta": motion.theta,

@@ -1,4 +1,4 @@
-"""`dsnet export`: a moving body as a file that Blender, Maya, Houdini, Unreal and others open."""
+"""`dsnet export`: write a moving body for Blender, Maya, Houdini, Unreal and others."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal
 from bridge.errors import DsnetError, notify
 from dsnet.exporters.formats import FORMATS, chosen_format
 from dsnet.exporters.onnx_model import export_onnx
-from dsnet.exporters.output import new_path, refuse_taken
+from dsnet.exporters.output import new_path, refuse_existing
 from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.load_model import Source, name_of
 from dsnet.prediction.moving_body import MovingBody
@@ -24,14 +24,14 @@ class ExportConfig(Controls):
     motion; or onnx, the predictor with its body as one graph. docs/export.md says how to open
     each."""
     motion: Path | None = None
-    """One AMASS `.npz`, a BVH, or `sample:walking`; for all but onnx."""
+    """An AMASS `.npz`, a BVH, or `sample:walking`; not for onnx."""
     run: str | None = None
-    """Run whose predictor moves the skin, or a folder that `save` wrote; the small model that comes
-    with the package when left out, of the motion's gender."""
+    """Run whose predictor moves the skin, or a folder that `save` wrote; when left out, the small
+    model that comes with the package, of the motion's gender."""
     predictor: tuple[str, ...] = ()
-    """Which of the run's; its best when left out. A gif, mp4 or html shows several."""
+    """Predictors of the run; its best when left out. Only gif, mp4 and html take several."""
     precision: Literal["float32", "float16", "int8"] = "float32"
-    """Of the large kernels of an onnx graph; what fewer bits cost is written into the file."""
+    """Of the large kernels of an onnx graph; the error of fewer bits is written into the file."""
     out: Path | None = None
     """File to write, or for pc2, mdd, obj and ply a folder; it must not exist."""
 
@@ -44,55 +44,55 @@ def main(config: ExportConfig) -> None:
 
 
 def export_as(config: ExportConfig, source: Source) -> None:
-    """Write what a configuration asks for, by a predictor that `load_model` takes from `source`."""
+    """Write the export that `config` describes, with a predictor that `load_model` finds."""
     to, out = config.to, config.out
     if to is None:
         raise DsnetError("export without --to", f"one of {', '.join(FORMATS)}", "Pass --to FORMAT.")
     if out is None:
         raise DsnetError("export without --out", "a path to write", "Pass --out PATH.")
-    form = chosen_format(to, out)
+    chosen = chosen_format(to, out)
     config.check()
-    if form.of_motion and config.precision != "float32":
+    if chosen.needs_motion and config.precision != "float32":
         raise DsnetError(
             f"--to {to} with --precision {config.precision}",
             "float32: fewer bits are for --to onnx",
             "Leave out --precision.",
         )
-    if len(config.predictor) > 1 and not form.several:
+    if len(config.predictor) > 1 and not chosen.several:
         clips = " or ".join(name for name, other in FORMATS.items() if other.several)
         raise DsnetError(
             f"--to {to} with {len(config.predictor)} predictors",
             f"one predictor, or --to {clips}",
             "Export them one by one.",
         )
-    refuse_taken(out)
-    if not form.of_motion:
+    refuse_existing(out)
+    if not chosen.needs_motion:
         _export_predictor(config, source, out)
         return
     moving = _moving_bodies(config, source)
     with new_path(out) as path:
         for one in moving:
             one.announce()
-        if form.is_folder:
+        if chosen.is_folder:
             path.mkdir()
-        form.writer()(path, *moving)
+        chosen.writer()(path, *moving)
 
 
 def _export_predictor(config: ExportConfig, source: Source, out: Path) -> None:
     if config.motion is not None or config.given().keys() - {"gender"}:
         raise DsnetError(
-            "--to onnx with a motion or what moves it",
+            "--to onnx with a motion or its controls",
             "a predictor alone: the graph takes any motion and shape",
             "Leave out --motion, --gain, --betas and the like.",
         )
-    chosen = config.model(source, next(iter(config.predictor), None))
-    notify(f"{chosen.name} ({chosen.label}) of {chosen.owner}: {chosen.why}")
+    trained = config.model(source, next(iter(config.predictor), None))
+    notify(f"{trained.name} ({trained.label}) of {trained.owner}: {trained.why}")
     with new_path(out) as path:
-        export_onnx(path, chosen, run=name_of(source) or "packaged", precision=config.precision)
+        export_onnx(path, trained, run=name_of(source) or "packaged", precision=config.precision)
 
 
 def _moving_bodies(config: ExportConfig, source: Source) -> list[MovingBody]:
-    """The character that was asked for, in its motion, by each of the predictors."""
+    """The body in its motion, by each of the chosen predictors."""
     if config.motion is None:
         raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
     opened = [config.load(source, name, config.motion) for name in config.predictor or (None,)]

@@ -1,7 +1,7 @@
-"""OpenUSD: one mesh `/Body/Mesh` whose points move.
+"""OpenUSD: one mesh `/Body/Mesh` with exact points, normals and extent of every frame.
 
-It has the points, their normals, the extent and `primvars:offset_m`, the size of each skin offset,
-of every frame, exactly; `primvars:st` where the body has a texture.
+`primvars:offset_m` is the size of each skin offset; `primvars:st` is there if the body has a
+texture.
 """
 
 # USD's modules are compiled and come without types.
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Tf, Usd, UsdGeom, Vt
 
 from dsnet.exporters.mesh_files import surfaces
-from dsnet.exporters.output import about, about_in_a_line
+from dsnet.exporters.output import export_facts, facts_in_a_line
 from dsnet.prediction import models
 from dsnet.prediction.moving_body import MovingBody
 
@@ -25,7 +25,7 @@ ROOT, MESH = "/Body", "/Body/Mesh"
 
 
 def write(path: Path, moving: MovingBody) -> None:
-    """Write a USD file: one time code a frame from 0, 60 a second, metres, y up."""
+    """Write a USD file: one time code a frame, from 0, 60 a second; metres, y up."""
     try:
         stage = _new_stage(path, moving)
         _write_frames(stage, moving)
@@ -35,7 +35,7 @@ def write(path: Path, moving: MovingBody) -> None:
 
 
 def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
-    stage, facts = Usd.Stage.CreateNew(str(path)), about(moving)
+    stage, facts = Usd.Stage.CreateNew(str(path)), export_facts(moving)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
     UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.LinearUnits.meters)
     stage.SetTimeCodesPerSecond(moving.motion.fps)
@@ -43,7 +43,7 @@ def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
     stage.SetStartTimeCode(0)
     stage.SetEndTimeCode(len(moving) - 1)
     layer = stage.GetRootLayer()
-    layer.comment = about_in_a_line(moving)
+    layer.comment = facts_in_a_line(moving)
     layer.customLayerData = {"dsnet": json.dumps(facts)}
     root = UsdGeom.Xform.Define(stage, ROOT).GetPrim()
     stage.SetDefaultPrim(root)
@@ -54,11 +54,11 @@ def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
     if texture := moving.body.texture:
-        place = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+        coordinates = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
             "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.faceVarying
         )
-        place.Set(Vt.Vec2fArray.FromNumpy(texture.places.astype(np.float32)))
-        place.SetIndices(Vt.IntArray.FromNumpy(texture.corners.astype(np.int32).ravel()))
+        coordinates.Set(Vt.Vec2fArray.FromNumpy(texture.places.astype(np.float32)))
+        coordinates.SetIndices(Vt.IntArray.FromNumpy(texture.corners.astype(np.int32).ravel()))
     return stage
 
 
@@ -74,10 +74,10 @@ def _write_frames(stage: Usd.Stage, moving: MovingBody) -> None:
         normals.Set(_vectors(vertex_normals), time)
         extent.Set(_vectors(np.stack([vertices_m.min(axis=0), vertices_m.max(axis=0)])), time)
         size.Set(Vt.FloatArray.FromNumpy(sizes_m), time)
-        if (time + 1) % models.FRAMES_AT_ONCE == 0:  # what is saved is no longer held in memory
+        if (time + 1) % models.FRAMES_AT_ONCE == 0:  # saved frames are no longer held in memory
             stage.Save()
 
 
 def _vectors(array: NDArray) -> Vt.Vec3fArray:
-    """(N, 3) as USD has it, in float32."""
+    """An array (N, 3) as USD's vectors, in float32."""
     return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(array, np.float32))

@@ -1,4 +1,4 @@
-"""One step of a chain of layers as an ONNX graph, straight from named arrays."""
+"""One step of a chain of layers as an ONNX graph, made from named arrays."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from dsnet.onnx.onnx_graph import Graph, StateLayout, Value
 Arrays = Mapping[str, NDArray[np.float64]]
 Affine = tuple[NDArray[np.floating], NDArray[np.floating]]
 """A kernel (I, O) and a bias (O,)."""
-_STILL = "nothing"
+_NO_STATE = "nothing"
 
 
 def dsnet_layout(network: TrainedDsnet) -> StateLayout:
-    """What a character's row holds: the memory of each recurrent layer, a zero if there is none."""
+    """State of one character: that of each recurrent layer, or a zero if there is no such layer."""
     recurrent = [layer for layer in network.layers if layer.kind in RECURRENT]
     shapes: dict[str, tuple[int, ...]] = {}
     for layer in recurrent:
@@ -27,15 +27,15 @@ def dsnet_layout(network: TrainedDsnet) -> StateLayout:
         names = ("hidden", "cell") if layer.kind == "LSTM" else ("hidden",)
         prefix = f"{layer.name}/" if len(recurrent) > 1 else ""
         shapes |= {f"{prefix}{name}": (units,) for name in names}
-    return StateLayout(shapes or {_STILL: (1,)})
+    return StateLayout(shapes or {_NO_STATE: (1,)})
 
 
-def stepped(
+def dsnet_step(
     graph: Graph, network: TrainedDsnet, inputs: Value, past: Mapping[str, Value]
 ) -> tuple[Value, dict[str, Value]]:
-    """Latents (B, 100) of inputs (B, 79) in a motion's own units, and the memory after them.
+    """Latents (B, 100) of unscaled inputs (B, 79), and the recurrent state after them.
 
-    What is affine and follows one another, scalings included, is folded together once.
+    Consecutive affine layers, scalings included, are folded into one.
     """
     scale, after = network.scaling, dict(past)
     many = sum(layer.kind in RECURRENT for layer in network.layers) > 1
@@ -44,51 +44,52 @@ def stepped(
         chain.fold((np.diag(1.0 / scale.input_std.astype(np.float64)),
                     -scale.input_mean.astype(np.float64) / scale.input_std))  # fmt: skip
         for layer in network.layers:
-            held = f"{layer.name}/"
+            layer_prefix = f"{layer.name}/"
             arrays = {
-                name.removeprefix(held): array.astype(np.float64)
+                name.removeprefix(layer_prefix): array.astype(np.float64)
                 for name, array in network.weights.items()
-                if name.startswith(held)
+                if name.startswith(layer_prefix)
             }
             if layer.kind in RECURRENT:
-                prefix = held if many else ""
+                prefix = layer_prefix if many else ""
                 before = {
                     n.removeprefix(prefix): v for n, v in past.items() if n.startswith(prefix)
                 }
-                found = _RECURRENT[layer.kind](graph, layer, arrays, chain.value(held), before)
-                after |= {prefix + name: value for name, value in found.items()}
-                chain = _Chain(graph, found["hidden"])
+                value = chain.value(layer_prefix)
+                state = _RECURRENT[layer.kind](graph, layer, arrays, value, before)
+                after |= {prefix + name: value for name, value in state.items()}
+                chain = _Chain(graph, state["hidden"])
             else:
-                chain.follow(layer, arrays)
+                chain.append(layer, arrays)
         chain.fold((np.diag(scale.latent_std.astype(np.float64)), scale.latent_mean))
         return chain.value("latents/"), after
 
 
 class _Chain:
-    """A value, and what is affine after it and not yet part of the graph."""
+    """A value of the graph, and an affine map after it that is not yet part of the graph."""
 
     def __init__(self, graph: Graph, value: Value) -> None:
         self._graph, self._value = graph, value
         self._affine: Affine | None = None
 
     def fold(self, following: Affine) -> None:
-        """Let an affine map follow."""
+        """Append an affine map."""
         kernel, bias = following
         if self._affine is not None:
-            before, moved = self._affine
-            kernel, bias = before @ kernel, moved @ kernel + bias
+            first_kernel, first_bias = self._affine
+            kernel, bias = first_kernel @ kernel, first_bias @ kernel + bias
         self._affine = kernel, bias
 
     def value(self, name: str) -> Value:
-        """What there is so far; its arrays are `<name>folded_...`."""
+        """The value so far, with the affine map applied; its arrays are `<name>folded_...`."""
         if self._affine is not None:
             kernel, bias = self._affine
             self._value = _affine(self._graph, f"{name}folded_", self._value, kernel, bias)
             self._affine = None
         return self._value
 
-    def follow(self, layer: Layer, arrays: Arrays) -> None:
-        """Let a layer without a memory follow."""
+    def append(self, layer: Layer, arrays: Arrays) -> None:
+        """Append a layer that is not recurrent."""
         if layer.kind == "Dense":
             kernel = arrays["kernel"]
             self.fold((kernel, arrays.get("bias", np.zeros(kernel.shape[1]))))
@@ -108,16 +109,16 @@ def _affine(graph: Graph, name: str, value: Value, kernel: NDArray, bias: NDArra
 
 
 def _normalised(graph: Graph, layer: Layer, arrays: Arrays, value: Value) -> Value:
-    """(B, O) of the numbers of each row, by their mean and spread."""
+    """Layer normalisation of rows (B, O)."""
     mean = graph.apply("ReduceMean", value, axes=[1], keepdims=1)
     from_mean = value - mean
     variance = graph.apply("ReduceMean", from_mean * from_mean, axes=[1], keepdims=1)
-    found = from_mean / graph.apply("Sqrt", variance + layer.epsilon)
+    normalised = from_mean / graph.apply("Sqrt", variance + layer.epsilon)
     if "gamma" in arrays:
-        found = found * graph.array(f"{layer.name}/gamma", arrays["gamma"])
+        normalised = normalised * graph.array(f"{layer.name}/gamma", arrays["gamma"])
     if "beta" in arrays:
-        found = found + graph.array(f"{layer.name}/beta", arrays["beta"])
-    return found
+        normalised = normalised + graph.array(f"{layer.name}/beta", arrays["beta"])
+    return normalised
 
 
 def _gelu(value: Value) -> Value:
@@ -137,14 +138,14 @@ _ACTIVATED: dict[str, Callable[[Value], Value]] = {
 def _lstm(
     graph: Graph, layer: Layer, arrays: Arrays, value: Value, past: Mapping[str, Value]
 ) -> dict[str, Value]:
-    """All four gates come from one tanh, as sigmoid(z) = (1 + tanh(z / 2)) / 2."""
+    """A step of an LSTM. One tanh gives all gates, as sigmoid(z) = (1 + tanh(z / 2)) / 2."""
     units = len(arrays["recurrent_kernel"])
     # Keras's order: input, forget, candidate, output.
     halved = np.repeat([0.5, 0.5, 1.0, 0.5], units)
     kernel = np.vstack([arrays["kernel"], arrays["recurrent_kernel"]])
     bias = arrays.get("bias", np.zeros(4 * units))
-    known = graph.concat([value, past["hidden"]], 1)
-    gates = _affine(graph, f"{layer.name}/", known, kernel * halved, bias * halved)
+    inputs = graph.concat([value, past["hidden"]], 1)
+    gates = _affine(graph, f"{layer.name}/", inputs, kernel * halved, bias * halved)
     i, f, candidate, o = graph.apply("Tanh", gates).split(1, [units] * 4)
     i, f, o = (0.5 + 0.5 * gate for gate in (i, f, o))
     cell = f * past["cell"] + i * candidate
@@ -154,18 +155,18 @@ def _lstm(
 def _gru(
     graph: Graph, layer: Layer, arrays: Arrays, value: Value, past: Mapping[str, Value]
 ) -> dict[str, Value]:
-    """The gate of resetting acts after the product with the memory."""
+    """A step of a GRU with Keras's `reset_after`."""
     units, hidden = len(arrays["recurrent_kernel"]), past["hidden"]
-    of_input, of_memory = arrays.get("bias", np.zeros((2, 3 * units)))
+    input_bias, state_bias = arrays.get("bias", np.zeros((2, 3 * units)))
     # Keras's order: update, reset, candidate.
-    told = _affine(graph, f"{layer.name}/", value, arrays["kernel"], of_input)
-    known = _affine(
-        graph, f"{layer.name}/recurrent_", hidden, arrays["recurrent_kernel"], of_memory
+    by_input = _affine(graph, f"{layer.name}/", value, arrays["kernel"], input_bias)
+    by_state = _affine(
+        graph, f"{layer.name}/recurrent_", hidden, arrays["recurrent_kernel"], state_bias
     )
-    told_gates, told_candidate = told.split(1, [2 * units, units])
-    known_gates, known_candidate = known.split(1, [2 * units, units])
-    update, reset = graph.apply("Sigmoid", told_gates + known_gates).split(1, [units] * 2)
-    candidate = graph.apply("Tanh", told_candidate + reset * known_candidate)
+    input_gates, input_candidate = by_input.split(1, [2 * units, units])
+    state_gates, state_candidate = by_state.split(1, [2 * units, units])
+    update, reset = graph.apply("Sigmoid", input_gates + state_gates).split(1, [units] * 2)
+    candidate = graph.apply("Tanh", input_candidate + reset * state_candidate)
     return {"hidden": candidate + update * (hidden - candidate)}
 
 
@@ -174,9 +175,9 @@ def _simple_rnn(
 ) -> dict[str, Value]:
     kernel = np.vstack([arrays["kernel"], arrays["recurrent_kernel"]])
     bias = arrays.get("bias", np.zeros(kernel.shape[1]))
-    known = graph.concat([value, past["hidden"]], 1)
+    inputs = graph.concat([value, past["hidden"]], 1)
     return {"hidden": _ACTIVATED[layer.activation](
-        _affine(graph, f"{layer.name}/", known, kernel, bias)
+        _affine(graph, f"{layer.name}/", inputs, kernel, bias)
     )}  # fmt: skip
 
 

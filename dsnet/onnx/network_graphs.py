@@ -1,4 +1,4 @@
-"""The paper's networks as ONNX graphs, straight from named arrays.
+"""The paper's networks as ONNX graphs, made from named arrays.
 
 One step of DSNet, the autoencoder's decoder, and one step with decoder and body.
 """
@@ -17,7 +17,7 @@ from bridge.exchange.dsnet import TrainedDsnet
 from bridge.exchange.weights import mesh_autoencoder_to_keras
 from bridge.paper import FEATURES, INPUT_SIZE, N_BETAS, NEGATIVE_SLOPE, THETA_SIZE
 from dsnet.onnx.body_graph import Surface, posed_bones, translated, translation
-from dsnet.onnx.layer_graphs import dsnet_layout, stepped
+from dsnet.onnx.layer_graphs import dsnet_layout, dsnet_step
 from dsnet.onnx.onnx_graph import Graph, Precision, Value, product
 
 _DECODER = ("from_latent.", "decoder.", "to_coordinates.")
@@ -25,15 +25,15 @@ Weights = Mapping[str, NDArray]
 
 
 def dsnet_step_graph(network: TrainedDsnet) -> onnx.ModelProto:
-    """The step of a trained DSNet alone.
+    """One step of a trained DSNet without decoder and body.
 
-    Inputs `motion` (B, 79), betas and theta, and `state`; outputs `codes` (B, 100), latents, and
-    `next_state`.
+    Inputs are `motion` (B, 79), betas and theta, and `state`; outputs are the latents, `codes`
+    (B, 100), and `next_state`.
     """
     graph, layout = Graph(), dsnet_layout(network)
     motion = graph.input("motion", ("B", INPUT_SIZE))
     past = layout.read(graph.input("state", ("B", layout.size)))
-    latents, after = stepped(graph, network, motion, past)
+    latents, after = dsnet_step(graph, network, motion, past)
     outputs = {"codes": latents, "next_state": layout.written(graph, after)}
     return graph.model("dsnet_step", outputs, checked=False)
 
@@ -48,15 +48,13 @@ def dsnet_body_graph(
 ) -> onnx.ModelProto:
     """A trained DSNet, its autoencoder's decoder and the body: a pose in, the posed skin out.
 
-    Inputs `theta` (B, 69), `betas` (B, 10) and `state` (B, S); outputs `vertices` (B, V, 3),
-    metres, and `next_state` (B, S), S = 120 of the
-    paper's. A row is the memory of one character, zero where she
-    begins, as in training: the network itself takes the first pose for one that was held
-    (Section 4.2).
+    Inputs are `theta` (B, 69), `betas` (B, 10) and `state` (B, S); outputs are `vertices`
+    (B, V, 3), metres, and `next_state` (B, S). S is 120 for the paper's network. A row of the state
+    is one character's LSTM state, zeros in its first frame, as in training (Section 4.2).
 
     Parameters
     ----------
-    decoder : weights named as by PyTorch, with `normaliser.mean_m` and `normaliser.scale_m`.
+    decoder : weights with PyTorch's names, and `normaliser.mean_m` and `normaliser.scale_m`.
     architecture : as in the manifest of `train-ae`.
     precision : of the large kernels.
     """
@@ -70,12 +68,12 @@ def dsnet_body_graph(
     theta = graph.input("theta", ("B", THETA_SIZE))
     betas = graph.input("betas", ("B", N_BETAS))
     past = layout.read(graph.input("state", ("B", layout.size)))
-    latents, after = stepped(graph, network, graph.concat([betas, theta], 1), past)
+    latents, after = dsnet_step(graph, network, graph.concat([betas, theta], 1), past)
     offsets_m = decoded(graph, decoder, architecture, latents, precision)
-    bones, turning = posed_bones(graph, body, theta, betas)
+    bones, features = posed_bones(graph, body, theta, betas)
     with graph.section("skin"):
         skin = Surface(graph, body, slice(None), precision=precision)
-        rest = skin.rest(turning, betas) + offsets_m
+        rest = skin.rest(features, betas) + offsets_m
         vertices = skin.skinned(translated(graph, bones, translation(theta)), rest)
     return graph.model(
         "dsnet",
@@ -86,11 +84,11 @@ def dsnet_body_graph(
 
 
 def decoder_graph(weights: Weights, architecture: Mapping[str, Any]) -> onnx.ModelProto:
-    """Input `latents` (B, 100), output `offsets` (B, V, 3), metres.
+    """The decoder alone: input `latents` (B, 100), output `offsets` (B, V, 3), metres.
 
     Parameters
     ----------
-    weights : named as by PyTorch, with `normaliser.mean_m` and `normaliser.scale_m`.
+    weights : with PyTorch's names, and `normaliser.mean_m` and `normaliser.scale_m`.
     architecture : its `widths`, as in the manifest of `train-ae`.
     """
     graph = Graph()
@@ -108,20 +106,20 @@ def decoded(
 ) -> Value:
     """Offsets (B, 3, V) of latents (B, 100), by the decoder of Section 4.1.
 
-    Vertices stay the last axis throughout: nine rows a character of each convolution's product,
-    and of the largest, 55 MB, every number is read once however many characters there are.
+    Vertices are the last axis throughout: a convolution is then one product with nine rows a
+    character, which reads its kernel once for all characters; the largest kernel has 55 MB.
     """
-    own = {name: array for name, array in weights.items() if name.startswith(_DECODER)}
-    held, widths = mesh_autoencoder_to_keras(own), architecture["widths"]
+    decoder = {name: array for name, array in weights.items() if name.startswith(_DECODER)}
+    arrays, widths = mesh_autoencoder_to_keras(decoder), architecture["widths"]
 
     def linear(layer: str, features: Value) -> Value:
-        """On the last axis."""
-        multiply = product(graph, f"{layer}/kernel", held[f"{layer}/kernel"], precision)
-        return multiply(features) + graph.array(f"{layer}/bias", held[f"{layer}/bias"])
+        """A linear layer on the last axis."""
+        multiply = product(graph, f"{layer}/kernel", arrays[f"{layer}/kernel"], precision)
+        return multiply(features) + graph.array(f"{layer}/bias", arrays[f"{layer}/bias"])
 
     def per_vertex(layer: str, features: Value) -> Value:
-        """On each vertex's features (B, in, V)."""
-        kernel, bias = (graph.array(f"{layer}/{n}", held[f"{layer}/{n}"])
+        """A linear layer on each vertex's features (B, in, V)."""
+        kernel, bias = (graph.array(f"{layer}/{n}", arrays[f"{layer}/{n}"])
                         for n in ("kernel", "bias"))  # fmt: skip
         return kernel.transpose(1, 0) @ features + bias.reshape(1, -1, 1)
 

@@ -1,5 +1,5 @@
-"""Formulas as ONNX graphs: values with NumPy's operators, blocks that are run if needed or
-repeated, matrix products in fewer bits, and how a graph is run."""
+"""Builds and runs ONNX graphs: values with NumPy's operators, conditional and repeated blocks,
+matrix products in fewer bits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 OPSET, IR_VERSION = 17, 8
-"""Old enough for the runtimes of the last years; nothing newer is used."""
+"""Old versions, so that runtimes of the last years can open the graphs."""
 Shape = Sequence[int | str]
 _GROUP = 4
 
@@ -62,7 +62,7 @@ class Value:
         return self.graph.apply("Clip", self, least, most)
 
     def reshape(self, *shape: int) -> Value:
-        """As ONNX's: 0 keeps an axis, -1 is what is left."""
+        """As in ONNX: 0 keeps the size of an axis, -1 is inferred."""
         return self.graph.apply("Reshape", self, self.graph.integers(shape))
 
     def transpose(self, *axes: int) -> Value:
@@ -78,7 +78,7 @@ class Value:
         return self.graph.apply("Slice", self, *bounds)
 
     def split(self, axis: int, sizes: Sequence[int]) -> list[Value]:
-        """Pieces that follow one another on an axis; none of size 0."""
+        """Consecutive pieces along an axis; no size may be 0."""
         return self.graph.apply_many(
             "Split", len(sizes), self, self.graph.integers(sizes), axis=axis
         )
@@ -88,7 +88,7 @@ Operand = Value | float
 
 
 class Graph:
-    """Builds a float32 graph of `Value`s, each with a name below that of its section."""
+    """Builds a float32 graph of `Value`s, whose names begin with that of their section."""
 
     def __init__(self) -> None:
         self._inputs: list[onnx.ValueInfoProto] = []
@@ -104,23 +104,23 @@ class Graph:
 
     @contextmanager
     def section(self, name: str) -> Iterator[None]:
-        """Name what is applied and held meanwhile `<name>/...`."""
+        """Operations and arrays inside the block are named `<name>/...`."""
         outer, self._section = self._section, f"{name}/"
         yield
         self._section = outer
 
     def array(self, name: str, values: ArrayLike, dtype: DTypeLike = np.float32) -> Value:
-        """Hold numbers, below the section's name."""
+        """Add a constant array, named below the section."""
         name = f"{self._section}{name}"
         self._arrays.append(numpy_helper.from_array(np.asarray(values, dtype, order="C"), name))
         return Value(self, name)
 
     def integers(self, values: ArrayLike) -> Value:
-        """Indices or shapes; equal ones are held once."""
+        """Indices or shapes as a constant; equal ones are stored once."""
         return self._constant(np.asarray(values, np.int64))
 
     def apply(self, op: str, *inputs: Operand, **attributes: Any) -> Value:
-        """One operation with one output."""
+        """Apply an operation with one output."""
         return self.apply_many(op, 1, *inputs, **attributes)[0]
 
     def apply_many(self, op: str, count: int, *inputs: Operand, **attributes: Any) -> list[Value]:
@@ -135,7 +135,7 @@ class Graph:
     def choose(
         self, condition: Value, then: Callable[[], Value], otherwise: Callable[[], Value]
     ) -> Value:
-        """One of two blocks, of which only that is computed."""
+        """The result of one of two blocks; the other one is not computed."""
         branches = {}
         for name, block in (("then_branch", then), ("else_branch", otherwise)):
             with self._inner() as nodes:
@@ -146,30 +146,32 @@ class Graph:
     def repeat(
         self, most: int, start: Sequence[Value], body: Callable[..., tuple[Value, Sequence[Value]]]
     ) -> list[Value]:
-        """Repeat a block until it says that it is done, at most so many times.
+        """Repeat a block at most `most` times, until its condition is false.
 
-        `body` makes of the values, which are `start` at first, whether to go on, and the next.
+        `body` takes the values, at first `start`, and gives the condition and the next values.
         """
         given = [Value(self, self._name("before")) for _ in start]
-        turn, go_on = self._name("turn"), self._name("go_on")
+        iteration, go_on = self._name("turn"), self._name("go_on")
         with self._inner() as nodes:
-            wanted, after = body(*given)
-            results = [self.apply("Identity", value) for value in (wanted, *after)]
-        inputs = [_info(turn, TensorProto.INT64, []), _info(go_on, TensorProto.BOOL, [])]
+            condition, after = body(*given)
+            results = [self.apply("Identity", value) for value in (condition, *after)]
+        inputs = [_info(iteration, TensorProto.INT64, []), _info(go_on, TensorProto.BOOL, [])]
         inputs += [_info(value.name, TensorProto.FLOAT) for value in given]
         outputs = [_info(results[0].name, TensorProto.BOOL, [])]
         outputs += [_info(value.name, TensorProto.FLOAT) for value in results[1:]]
         graph = helper.make_graph(nodes, f"{self._section}body", inputs, outputs)
-        forever = self._constant(np.array(True))
-        return self.apply_many("Loop", len(start), self.integers(most), forever, *start, body=graph)
+        at_first = self._constant(np.array(True))
+        return self.apply_many(
+            "Loop", len(start), self.integers(most), at_first, *start, body=graph
+        )
 
     def in_groups(
         self, values: Sequence[Value], block: Callable[..., Value], shape: Sequence[int]
     ) -> Value:
-        """(B, *shape) what a block makes of values (B, ...), some rows of each at a time.
+        """The result (B, *shape) of a block, applied to a few rows of values (B, ...) at a time.
 
-        Rows of a group are as many as divide B, four at most: few enough that what a block makes
-        meanwhile stays in a processor's cache, enough for its threads to share.
+        A group has the largest number of rows up to four that divides B: few enough for the
+        intermediate results to stay in the cache, enough to use several threads.
         """
         rows = self.apply("Shape", values[0], start=0, end=1)
         sizes = self.integers(range(1, _GROUP + 1))
@@ -177,16 +179,16 @@ class Graph:
         fitting = self.apply("Where", divides, sizes, self.integers(1))
         size = self.apply("ReduceMax", fitting, keepdims=1)
         leading = [self.apply("Div", rows, size), size]
-        own = [self.apply("Shape", value, start=1) for value in values]
+        row_shapes = [self.apply("Shape", value, start=1) for value in values]
         grouped = [
-            self.apply("Reshape", value, self.concat([*leading, sizes], 0))
-            for value, sizes in zip(values, own, strict=True)
+            self.apply("Reshape", value, self.concat([*leading, row_shape], 0))
+            for value, row_shape in zip(values, row_shapes, strict=True)
         ]
         with self._inner() as nodes:
             given = [Value(self, self._name("group")) for _ in values]
-            found = self.apply("Identity", block(*given))
+            result = self.apply("Identity", block(*given))
         inputs = [_info(value.name, TensorProto.FLOAT) for value in given]
-        outputs = [_info(found.name, TensorProto.FLOAT, ("G", *shape))]
+        outputs = [_info(result.name, TensorProto.FLOAT, ("G", *shape))]
         body = helper.make_graph(nodes, f"{self._section}group", inputs, outputs)
         whole = self.apply("Scan", *grouped, body=body, num_scan_inputs=len(values))
         return whole.reshape(-1, *shape)
@@ -200,13 +202,13 @@ class Graph:
         *,
         checked: bool = True,
     ) -> onnx.ModelProto:
-        """The model.
+        """The finished model.
 
         Parameters
         ----------
-        shapes : of outputs, where they are to be declared.
-        metadata : what else a reader should know, texts by name.
-        checked : infer shapes within and check it; what is run at once the runtime checks.
+        shapes : of outputs, if they are to be declared.
+        metadata : further facts for a reader, as texts by name.
+        checked : infer all shapes and check the model; ONNX Runtime checks it anyway when it runs.
         """
         for output, value in outputs.items():
             self._nodes.append(helper.make_node("Identity", [value.name], [output]))
@@ -226,7 +228,7 @@ class Graph:
 
     @contextmanager
     def _inner(self) -> Iterator[list[onnx.NodeProto]]:
-        """Put what is applied meanwhile into a list of its own, for a branch or a loop's body."""
+        """Collect the operations of the block in a separate list, for a branch or a loop's body."""
         outer, self._nodes = self._nodes, []
         yield self._nodes
         self._nodes = outer
@@ -254,26 +256,26 @@ def _info(name: str, kind: int, shape: Shape | None = None) -> onnx.ValueInfoPro
 
 @dataclass(frozen=True)
 class StateLayout:
-    """A graph's state: one row a character, of named arrays side by side; zeros where she begins.
+    """How named arrays lie in a graph's state, one row a character; a row is zeros at first.
 
     None of the arrays is empty.
     """
 
     shapes: Mapping[str, tuple[int, ...]]
-    """Of each array of one character, in the row's order."""
+    """Shape of each array of one character, in the order of the row."""
 
     @property
     def size(self) -> int:
         return sum(map(math.prod, self.shapes.values()))
 
     def columns(self, name: str) -> slice:
-        """Where an array lies in a row."""
+        """The columns of an array in a row."""
         before = list(self.shapes.values())[: list(self.shapes).index(name)]
         start = sum(map(math.prod, before))
         return slice(start, start + math.prod(self.shapes[name]))
 
     def read(self, state: Value) -> dict[str, Value]:
-        """The arrays (B, ...) of a state (B, S)."""
+        """Arrays (B, ...) of a state (B, S)."""
         parts = state.split(1, [math.prod(shape) for shape in self.shapes.values()])
         return {
             name: part.reshape(0, *shape)
@@ -281,7 +283,7 @@ class StateLayout:
         }
 
     def written(self, graph: Graph, arrays: Mapping[str, Value]) -> Value:
-        """(B, S) of all arrays (B, ...)."""
+        """The state (B, S) of all arrays (B, ...)."""
         rows = [arrays[n].reshape(-1, math.prod(shape)) for n, shape in self.shapes.items()]
         return graph.concat(rows, 1)
 
@@ -292,27 +294,27 @@ class StateLayout:
 
 
 Precision = Literal["float32", "float16", "int8"]
-"""Of a graph's large kernels. `float16` halves the file; the runtime widens the numbers when it
-opens it, so speed stays. `int8` holds the largest as bytes, which is what a product for one
-character waits for, and the others as `float16`: they take little time, and in bytes they would
-cost most of the error."""
+"""Precision of a graph's large kernels. `float16` halves the file; the runtime widens the numbers
+when it opens the file, so the speed is that of float32. `int8` stores the largest kernels as bytes,
+as reading them takes most of the time for one character, and the others as `float16`: they take
+little time, and as bytes they would cause most of the error."""
 PRECISIONS: tuple[Precision, ...] = get_args(Precision)
 Product = Callable[[Value], Value]
-"""(..., I) to (..., O)."""
+"""Maps (..., I) to (..., O)."""
 _SMALL, _LARGE = 1 << 16, 3_000_000
-"""Numbers below which a kernel stays float32, and from which on it may be bytes: the pose blend
-shapes have 3.9 million, the decoder's last convolution 13.8."""
-_MIDDLE, _REACH, _STEPS, _TINY = 128, 127.0, 254.0, 1e-30
-"""A kernel's byte of zero, and the steps from there to its largest number; steps from a row's
-least number to its largest, one fewer than bytes have, as both ends are rounded; and none."""
+"""Kernels with fewer numbers than the first stay float32; from the second on they may be bytes. The
+pose blend shapes have 3.9 million, the decoder's last convolution 13.8."""
+_ZERO_BYTE, _KERNEL_STEPS, _ROW_STEPS, _TINY = 128, 127.0, 254.0, 1e-30
+"""The byte of a kernel's zero; steps from it to the largest number; steps from the least to the
+largest number of a row, one fewer than bytes allow, as both ends are rounded; a least divisor."""
 
 
 def product(graph: Graph, name: str, kernel: ArrayLike, precision: Precision) -> Product:
-    """Multiplication by a kernel (I, O) that the graph holds as `name`."""
+    """A function that multiplies by a kernel (I, O), which the graph stores as `name`."""
     kernel = np.asarray(kernel, np.float32)
     if precision == "float32" or kernel.size < _SMALL:
-        held = graph.array(name, kernel)
-        return lambda features: features @ held
+        stored = graph.array(name, kernel)
+        return lambda features: features @ stored
     if precision == "int8" and kernel.size >= _LARGE:
         return _in_bytes(graph, name, kernel)
     half = graph.array(name, kernel, np.float16)
@@ -320,29 +322,28 @@ def product(graph: Graph, name: str, kernel: ArrayLike, precision: Precision) ->
 
 
 def _in_bytes(graph: Graph, name: str, kernel: NDArray[np.float32]) -> Product:
-    """Kernel and features as bytes: steps for each column of one and each row of the other.
+    """Multiplication with kernel and features as bytes, by a step size for each column and row.
 
-    A row's steps, from its least number to its largest, are its own, so that characters of one
-    batch do not change each other. Bytes of both are unsigned: sums of signed ones overflow in the
-    instructions of processors without VNNI.
+    Each row of features has its own step size, so that the characters of a batch do not affect each
+    other. All bytes are unsigned: sums of signed ones overflow on processors without VNNI.
     """
-    steps = np.maximum(np.abs(kernel).max(axis=0), _TINY) / _REACH
+    steps = np.maximum(np.abs(kernel).max(axis=0), _TINY) / _KERNEL_STEPS
     counts = np.rint(kernel / steps)
-    held = graph.array(name, counts + _MIDDLE, np.uint8)
-    middle = graph.array(f"{name}_zero", _MIDDLE, np.uint8)
-    nothing = graph.array(f"{name}_least", 0, np.uint8)
+    stored = graph.array(name, counts + _ZERO_BYTE, np.uint8)
+    kernel_zero = graph.array(f"{name}_zero", _ZERO_BYTE, np.uint8)
+    feature_zero = graph.array(f"{name}_least", 0, np.uint8)
     column_steps = graph.array(f"{name}_steps", steps)
     column_sums = graph.array(f"{name}_sums", counts.sum(axis=0))
 
     def apply(features: Value) -> Value:
         least = graph.apply("Min", features.min(-1), 0.0)
         most = graph.apply("Max", features.max(-1), 0.0)
-        row_steps = graph.apply("Max", most - least, _TINY) / _STEPS
-        # Zero is a whole number of steps from the least: what does not move stays unmoved.
+        row_steps = graph.apply("Max", most - least, _TINY) / _ROW_STEPS
+        # Zero is a whole number of steps from the least number, so that 0 is represented exactly.
         zero = graph.apply("Round", -least / row_steps)
         counted = graph.apply("Round", features / row_steps) + zero
         counted = graph.apply("Cast", counted, to=TensorProto.UINT8)
-        summed = graph.apply("MatMulInteger", counted, held, nothing, middle)
+        summed = graph.apply("MatMulInteger", counted, stored, feature_zero, kernel_zero)
         summed = graph.apply("Cast", summed, to=TensorProto.FLOAT)
         return (summed - zero * column_sums) * row_steps * column_steps
 
@@ -350,7 +351,7 @@ def _in_bytes(graph: Graph, name: str, kernel: NDArray[np.float32]) -> Product:
 
 
 class GraphSession:
-    """A graph, run by ONNX Runtime on the CPU, with `threads`; the runtime's own choice when 0."""
+    """Runs a graph by ONNX Runtime on the CPU; when `threads` is 0, the runtime chooses."""
 
     def __init__(self, model: onnx.ModelProto, threads: int = 0) -> None:
         options = onnxruntime.SessionOptions()
@@ -364,16 +365,18 @@ class GraphSession:
         }
 
     def __call__(self, **inputs: NDArray) -> dict[str, NDArray]:
-        """The graph's outputs by name, of its inputs."""
+        """Outputs of the graph by name."""
         outputs = map(np.asarray, self._session.run(self._names, inputs))
         return dict(zip(self._names, outputs, strict=True))
 
-    def rolled(self, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
-        """(T, B, V, 3) vertices, metres, by a predictor with its body, of characters who begin in
-        the first of the poses theta (T, B, 69), of shapes betas (B, S)."""
+    def rollout(self, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
+        """Vertices (T, B, V, 3), metres, of poses theta (T, B, 69) and betas (B, S).
+
+        The graph is a predictor with its body; its state is zero before the first pose.
+        """
         state, frames = np.zeros((len(betas), self.input_shapes["state"][1]), np.float32), []
         for poses in theta:
-            found = self(theta=poses, betas=betas, state=state)
-            state = found["next_state"]
-            frames.append(found["vertices"])
+            outputs = self(theta=poses, betas=betas, state=state)
+            state = outputs["next_state"]
+            frames.append(outputs["vertices"])
         return np.stack(frames)

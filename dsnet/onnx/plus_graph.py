@@ -1,13 +1,12 @@
-"""`dsnet_plus` as one ONNX graph: a pose in, the posed skin with its tissue out.
+"""`dsnet_plus` as one ONNX graph: a pose in, the posed skin with its soft tissue out.
 
-Inputs `theta` (B, 69), `betas` (B, 10), or as many as its body has, and `state` (B, S); outputs
-`vertices` (B, V, 3), metres, and `next_state` (B, S). A character whose row of the state is zero
-has no past: she begins settled in the pose that she is given, which costs a few tens of
-milliseconds in that frame and nothing in later ones (`If` and `Loop`). So does one whose betas are
-others than a frame before. A row is all that is known of a character: rows may be added, removed
-and reordered from frame to frame.
+Inputs are `theta` (B, 69), `betas` (B, 10), or as many as the body has, and `state` (B, S); outputs
+are `vertices` (B, V, 3), metres, and `next_state` (B, S). A character whose row of the state is
+zero, or whose betas have changed, starts in static equilibrium in the given pose; this takes a few
+tens of milliseconds in that frame alone (`If` and `Loop`). A row holds everything about a
+character, so rows may be added, removed and reordered from frame to frame.
 
-Vertices are `latency_frames` old, pose and place included, as the model looks so far ahead.
+Vertices are `latency_frames` late, pose and translation included, by the model's look-ahead.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.onnx.body_graph import (
     BONES,
-    TURNING,
+    POSE_FEATURES,
     Surface,
     posed_bones,
     translated,
@@ -31,18 +30,20 @@ from dsnet.onnx.body_graph import (
     turned,
 )
 from dsnet.onnx.onnx_graph import Graph, Precision, StateLayout, Value
-from dsnet.onnx.tissue_graph import SheetGraph, Springs, known_people, person_of
+from dsnet.onnx.tissue_graph import Springs, TissueGraph, tissue_constants, training_people
 
 _BLOCK = 106
-"""Vertices that follow one another, whose offsets are one matrix product of the nodes near them:
-numbering follows the surface, so these are few. 65 blocks are SMPL's 6890 vertices."""
+"""Consecutive vertices that are interpolated by one matrix product from the nodes near them; these
+are few, as vertex numbers follow the surface. 65 blocks are SMPL's 6890 vertices."""
 Arrays = dict[str, Value]
 
 
 def plus_layout(model: TrainedPlus, skin: bool = True) -> StateLayout:
-    """What a character's row holds, with or without what only the skin must know; K nodes, N taps,
-    P known people, L frames of latency."""
-    nodes, late = len(model.nodes), model.look_ahead
+    """The state of a character, with or without the arrays that only the skin needs.
+
+    Exported files have these names in their metadata, so they stay.
+    """
+    nodes, latency = len(model.nodes), model.look_ahead
     shapes: dict[str, tuple[int, ...]] = {
         "age": (1,),
         "betas": (model.beta_count,),
@@ -55,16 +56,19 @@ def plus_layout(model: TrainedPlus, skin: bool = True) -> StateLayout:
         "turns": (9, nodes),
         "trans": (3,),
         "felt": (len(model.weights.taps) - 1, 3, nodes),
-        "late_bones": (late * skin, 12, BONES),
-        "late_features": (late * skin, TURNING),
-        "late_trans": (late * skin, 3),
+        "late_bones": (latency * skin, 12, BONES),
+        "late_features": (latency * skin, POSE_FEATURES),
+        "late_trans": (latency * skin, 3),
     }
     return StateLayout({name: shape for name, shape in shapes.items() if np.prod(shape)})
 
 
 def plus_step_graph(model: TrainedPlus, body: BodyModelData) -> onnx.ModelProto:
-    """The step of a trained `dsnet_plus` alone: outputs `codes` (B, 3, K), offsets of the nodes in
-    the rest pose, metres, `look_ahead` frames ago, and `next_state`."""
+    """One step of a trained `dsnet_plus` without the skin.
+
+    Outputs are `codes` (B, 3, K), offsets of the nodes in the rest pose, metres, `look_ahead`
+    frames ago, and `next_state`.
+    """
     step = _PlusStep(model, body, plus_layout(model, skin=False))
     return step.graph.model(
         "dsnet_plus_step",
@@ -80,15 +84,17 @@ def plus_graph(
     precision: Precision = "float32",
     in_parts: bool = False,
 ) -> onnx.ModelProto:
-    """The same step and the skin, on the body model that a `dsnet_plus` is for.
+    """One step of a trained `dsnet_plus` with the skin of its body model.
 
-    Of its kernels only the pose blend shapes are large; `precision` is theirs. `in_parts`: the
-    skin is not posed, for who wants SMPL alone beside it: instead of `vertices` outputs are `rest`
-    (B, 3, V) of SMPL alone and `offsets` (B, 3, V) in the rest pose, and `bones` (B, 12, 23).
+    Parameters
+    ----------
+    precision : of the pose blend shapes, the only large kernel.
+    in_parts : give, in place of `vertices`, `rest` (B, 3, V) of SMPL alone, `offsets` (B, 3, V) in
+        the rest pose, and `bones` (B, 12, 23), so that both can be skinned.
     """
     step = _PlusStep(model, body, plus_layout(model))
     graph, count = step.graph, body.vertex_count
-    shown, late = _shown(step)
+    shown, later = _delayed(step)
     with graph.section("skin"):
         skin = Surface(graph, body, slice(None), precision)
         rest = skin.rest(shown["features"], step.betas)
@@ -104,7 +110,7 @@ def plus_graph(
         shapes = {"vertices": ("B", count, 3)}
     return graph.model(
         "dsnet_plus",
-        outputs | {"next_state": step.layout.written(step.graph, step.after | late)},
+        outputs | {"next_state": step.layout.written(step.graph, step.after | later)},
         shapes | {"next_state": ("B", step.layout.size)},
         {
             **(metadata or {}),
@@ -115,12 +121,12 @@ def plus_graph(
 
 
 class _PlusStep:
-    """One frame of B characters: what it was, `past`, what it is, `present`, and what follows."""
+    """One frame of B characters: state `past`, new pose `present`, next state `after`."""
 
     def __init__(self, model: TrainedPlus, body: BodyModelData, layout: StateLayout) -> None:
         self.model, self.body, self.layout = model, body, layout
         self.graph = graph = Graph()
-        self._sheet = SheetGraph.of(graph, model)
+        self._tissue = TissueGraph.of(graph, model)
         theta = graph.input("theta", ("B", THETA_SIZE))
         self.betas = graph.input("betas", ("B", model.beta_count))
         state = graph.input("state", ("B", layout.size))
@@ -131,37 +137,37 @@ class _PlusStep:
         with graph.section("oscillators"):
             past = self.past
             springs = Springs(**{name: past[name] for name in Springs.__dataclass_fields__})
-            load = self._sheet.smoothed(loads)
-            now, before = self._sheet.frame(springs, past["now"], past["before"], load)
-            if model.look_ahead > 1:  # else the loads of rest are all that was known
-                # Loads are known early: offsets rest until the first frame is shown.
-                going = (past["age"] + -float(model.look_ahead)).clip(0.0, 1.0).reshape(0, 1, 1)
-                now = past["now"] + going * (now - past["now"])
-                before = past["before"] + going * (before - past["before"])
+            load = self._tissue.smoothed(loads)
+            now, before = self._tissue.frame(springs, past["now"], past["before"], load)
+            if model.look_ahead > 1:  # otherwise the only loads so far are those of rest
+                # Offsets stay in equilibrium until the first frame is shown.
+                moving = (past["age"] + -float(model.look_ahead)).clip(0.0, 1.0).reshape(0, 1, 1)
+                now = past["now"] + moving * (now - past["now"])
+                before = past["before"] + moving * (before - past["before"])
         self.codes = now
         self.after: Arrays = past | after | {"now": now, "before": before}
 
     def _present(self, theta: Value) -> Arrays:
-        """Of this frame: places of the nodes about the root, turns, bones."""
+        """Of this pose: positions of the nodes relative to the root, their rotations, the bones."""
         graph, vertices = self.graph, self.model.nodes.vertices
-        bones, turning = posed_bones(graph, self.body, theta, self.betas)
+        bones, features = posed_bones(graph, self.body, theta, self.betas)
         with graph.section("nodes"):
             nodes = Surface(graph, self.body, vertices)
-            # As if weights summed to 1: then standing is no turn, and no load.
+            # Make weights sum to 1 exactly, so that the rest pose has no rotation and no load.
             missing = 1 - self.body.weights[vertices].sum(axis=1)
-            still = np.append(np.eye(3).ravel(), np.zeros(3))[:, None]
-            blended = bones @ nodes.weights + graph.array("missing", still * missing)
+            identity = np.append(np.eye(3).ravel(), np.zeros(3))[:, None]
+            blended = bones @ nodes.weights + graph.array("missing", identity * missing)
             *columns, shift = blended.split(1, [3, 3, 3, 3])
             return {
-                "places": turned(columns, shift, nodes.rest(turning, self.betas)),
+                "places": turned(columns, shift, nodes.rest(features, self.betas)),
                 "turns": graph.concat(columns, 1),
                 "trans": translation(theta),
                 "bones": bones,
-                "features": turning,
+                "features": features,
             }
 
     def _with_past(self, state: Value) -> Value:
-        """The state, where those without a past have been given one."""
+        """The state, in which new characters are in equilibrium in their present pose."""
         graph, betas = self.graph, self.betas
         with graph.section("past"):
             age, betas_before = state.part(1, 0, 1), state.part(1, 1, 1 + self.model.beta_count)
@@ -169,24 +175,24 @@ class _PlusStep:
             new = graph.apply("Max", apart, 1.0 + -age) > 0.0  # (B, 1)
             count = graph.apply("Cast", new, to=1).max(0, 1).reshape()
 
-            def begun() -> Value:
+            def begin() -> Value:
                 rows = graph.apply("NonZero", new.reshape(-1))  # (1, N)
                 chosen = rows.reshape(-1)
-                mine = {name: value.gather(chosen, 0) for name, value in self.present.items()}
-                fresh = self._begun(betas.gather(chosen, 0), mine)
-                return graph.apply("ScatterND", state, rows.transpose(1, 0), fresh)
+                present = {name: value.gather(chosen, 0) for name, value in self.present.items()}
+                begun = self._initial_state(betas.gather(chosen, 0), present)
+                return graph.apply("ScatterND", state, rows.transpose(1, 0), begun)
 
-            return graph.choose(count > 0.0, begun, lambda: state)
+            return graph.choose(count > 0.0, begin, lambda: state)
 
-    def _begun(self, betas: Value, present: Arrays) -> Value:
-        """Rows of those who have stood in the present pose for ever."""
+    def _initial_state(self, betas: Value, present: Arrays) -> Value:
+        """Rows of characters in static equilibrium in the present pose."""
         graph = self.graph
-        person = person_of(graph, self.body, self.model, betas)
+        constants = tissue_constants(graph, self.body, self.model, betas)
         with graph.section("settled"):
-            springs = self._sheet.springs(person)
-            load = self._sheet.load(None, present["turns"].split(1, [3, 3, 3]))
-            offsets_m = self._sheet.settled(springs, load)
-            begun = {
+            springs = self._tissue.springs(constants)
+            load = self._tissue.load(None, present["turns"].split(1, [3, 3, 3]))
+            offsets_m = self._tissue.settled(springs, load)
+            state = {
                 "age": (0.0 * present["trans"]).part(1, 0, 1),
                 "betas": betas,
                 **vars(springs),
@@ -199,87 +205,87 @@ class _PlusStep:
                 "felt": graph.concat([load] * max(len(self.model.weights.taps) - 1, 1), 1),
             }
             if "known" in self.layout.shapes:
-                begun["known"] = known_people(graph, self.model, betas)
+                state["known"] = training_people(graph, self.model, betas)
             frames = max(self.model.look_ahead, 1)
             for name in ("bones", "features", "trans"):
-                begun[f"late_{name}"] = graph.concat([_long(present[name])] * frames, 1)
-            return self.layout.written(graph, begun)
+                state[f"late_{name}"] = graph.concat([_with_time(present[name])] * frames, 1)
+            return self.layout.written(graph, state)
 
     def _loads(self) -> tuple[Arrays, list[Value]]:
-        """What the next frame must know, and loads, the newest first: of the frame before this.
+        """Arrays of the next state, and the loads of the frame before this, the newest first.
 
-        Places are about the root, whose own way is differenced apart: far from the origin a sum
-        of both would have lost the digits that accelerations are made of. What moves in her first
-        frame moved before it too, as in whole clips, so that frame has no acceleration.
+        Positions are relative to the root, whose translation is differenced separately: far from
+        the origin their sum would lose the digits that accelerations need. The first frame has no
+        acceleration: as in whole clips, its velocity is taken to have been the same before.
         """
         graph, past, present = self.graph, self.past, self.present
-        nodes, kept = len(self.model.nodes), len(self.model.weights.taps) - 1
+        nodes, older_taps = len(self.model.nodes), len(self.model.weights.taps) - 1
         steps = (present["trans"] - past["trans"]).reshape(0, 3, 1)
         moves = (present["places"] - past["places"]) + steps
-        young = past["age"].reshape(0, 1, 1)  # 0, 1, then what has an acceleration
-        acceleration = FPS**2 * (young - 1.0).clip(0.0, 1.0) * (moves - past["moves"])
+        age = past["age"].reshape(0, 1, 1)  # 0 and 1 have no acceleration
+        acceleration = FPS**2 * (age - 1.0).clip(0.0, 1.0) * (moves - past["moves"])
         after = {name: present[name] for name in ("places", "turns", "trans")} | {"moves": moves}
-        age = float(max(2, self.model.look_ahead + 1))
-        after["age"] = graph.apply("Min", past["age"] + 1.0, age)
-        loads = [self._sheet.load(acceleration, past["turns"].split(1, [3, 3, 3]))]
-        if kept:
-            older = past["felt"].reshape(0, 3 * kept, nodes).split(1, [3] * kept)
+        oldest = float(max(2, self.model.look_ahead + 1))
+        after["age"] = graph.apply("Min", past["age"] + 1.0, oldest)
+        loads = [self._tissue.load(acceleration, past["turns"].split(1, [3, 3, 3]))]
+        if older_taps:
+            older = past["felt"].reshape(0, 3 * older_taps, nodes).split(1, [3] * older_taps)
             after["felt"] = graph.concat([*loads, *older[:-1]], 1)
             loads += older
         return after, loads
 
 
-def _shown(step: _PlusStep) -> tuple[Arrays, Arrays]:
-    """Bones, features and place as late as the step's offsets are, and what the next frame must
-    know of later ones."""
+def _delayed(step: _PlusStep) -> tuple[Arrays, Arrays]:
+    """Bones, features and translation with the latency of the offsets, and those of later frames as
+    arrays of the next state."""
     graph, frames = step.graph, step.model.look_ahead
     shown = {name: step.present[name] for name in ("bones", "features", "trans")}
-    late: Arrays = {}
+    later: Arrays = {}
     for name in shown if frames else ():
         oldest, *others = step.past[f"late_{name}"].split(1, [1] * frames)
-        late[f"late_{name}"] = graph.concat([*others, _long(shown[name])], 1)
+        later[f"late_{name}"] = graph.concat([*others, _with_time(shown[name])], 1)
         shown[name] = oldest.reshape(0, *step.layout.shapes[f"late_{name}"][1:])
-    return shown, late
+    return shown, later
 
 
 def _offsets(step: _PlusStep, features: Value) -> Value:
-    """(B, 3, V) in the rest pose: of the step's nodes, and what is static."""
+    """Offsets (B, 3, V) in the rest pose: interpolated from the nodes, plus the static part."""
     graph, model, codes = step.graph, step.model, step.codes
-    by_pose_m, constant_m = model.static.by_pose_m[:TURNING], model.static.constant_m
+    by_pose_m, constant_m = model.static.by_pose_m[:POSE_FEATURES], model.static.constant_m
     if by_pose_m.any():
-        kernel = by_pose_m.transpose(0, 2, 1).reshape(TURNING, -1)
-        moved = features @ graph.array("static_by_pose", kernel)
-        codes = codes + moved.reshape(0, 3, len(model.nodes))
-    offsets = spread(graph, model.nodes, codes)
+        kernel = by_pose_m.transpose(0, 2, 1).reshape(POSE_FEATURES, -1)
+        static = features @ graph.array("static_by_pose", kernel)
+        codes = codes + static.reshape(0, 3, len(model.nodes))
+    offsets = interpolated(graph, model.nodes, codes)
     if constant_m.any():
         kernel = constant_m.transpose(0, 2, 1).reshape(len(constant_m), -1)
-        known = step.past["known"] @ graph.array("static_constant", kernel)
-        offsets = offsets + known.reshape(0, 3, -1)
+        static = step.past["known"] @ graph.array("static_constant", kernel)
+        offsets = offsets + static.reshape(0, 3, -1)
     return offsets
 
 
-def spread(graph: Graph, nodes: TissueNodes, at_nodes: Value) -> Value:
-    """(B, 3, V) offsets of all vertices from those of the nodes (B, 3, K)."""
+def interpolated(graph: Graph, nodes: TissueNodes, at_nodes: Value) -> Value:
+    """Offsets (B, 3, V) of all vertices, interpolated from those of the nodes (B, 3, K)."""
     vertex_count = len(nodes.owners)
     near = [
         np.unique(nodes.owners[start : start + _BLOCK]) for start in range(0, vertex_count, _BLOCK)
     ]
     blocks, most = len(near), max(map(len, near))
-    gathered = np.zeros((blocks, most), np.int64)
-    shares = np.zeros((blocks, most, _BLOCK), np.float32)
-    for block, mine in enumerate(near):
-        gathered[block, : len(mine)] = mine
+    block_nodes = np.zeros((blocks, most), np.int64)
+    weights = np.zeros((blocks, most, _BLOCK), np.float32)
+    for block, own_nodes in enumerate(near):
+        block_nodes[block, : len(own_nodes)] = own_nodes
         vertices = np.arange(block * _BLOCK, min((block + 1) * _BLOCK, vertex_count))
-        rows = np.searchsorted(mine, nodes.owners[vertices])  # (106, 8)
-        shares[block, rows, (vertices % _BLOCK)[:, None]] = nodes.shares[vertices]
-    # Rows of all characters are gathered at once: copying single numbers would take longest.
+        rows = np.searchsorted(own_nodes, nodes.owners[vertices])  # (106, 8)
+        weights[block, rows, (vertices % _BLOCK)[:, None]] = nodes.shares[vertices]
+    # Gather whole rows, for all characters at once: copying single numbers is slow.
     by_node = at_nodes.transpose(2, 0, 1).reshape(len(nodes), -1)  # (K, 3 B)
-    values = by_node.gather(gathered.ravel(), axis=0).reshape(blocks, most, -1)
-    products = values.transpose(0, 2, 1) @ graph.array("shares", shares)  # (blocks, 3 B, 106)
+    values = by_node.gather(block_nodes.ravel(), axis=0).reshape(blocks, most, -1)
+    products = values.transpose(0, 2, 1) @ graph.array("shares", weights)  # (blocks, 3 B, 106)
     whole = products.transpose(1, 0, 2).reshape(-1, 3, blocks * _BLOCK)
     return whole if blocks * _BLOCK == vertex_count else whole.part(2, 0, vertex_count)
 
 
-def _long(value: Value) -> Value:
-    """(B, 1, ...) of (B, ...)."""
+def _with_time(value: Value) -> Value:
+    """(B, ...) as (B, 1, ...)."""
     return value.graph.apply("Unsqueeze", value, value.graph.integers([1]))

@@ -1,8 +1,9 @@
-"""The tissue of `dsnet_plus` inside an ONNX graph: loads, a frame of the oscillators, rest, and
-what a shape says of it, which a graph computes once for a character whose shape is new.
+"""The soft tissue of `dsnet_plus` inside an ONNX graph.
 
-`bridge.tissue.oscillators` has the equations. Nodes are the last axis, (B, 3, K): then a coupling
-of nodes is one matrix product for all B characters.
+It has the loads, a frame of the oscillators, the static equilibrium, and the constants of a shape,
+which a graph computes only when a character's shape is new. `bridge.tissue.oscillators` has the
+equations. Nodes are the last axis, (B, 3, K), so that coupling nodes is one matrix product for all
+B characters.
 """
 
 from __future__ import annotations
@@ -21,30 +22,30 @@ from bridge.tissue.shape import LEAST_DEPTH_M, ends_of_bones, shape_measures
 from bridge.tissue.trained_plus import KERNEL_WIDTH, TrainedPlus, people_kernel
 from dsnet.onnx.onnx_graph import Graph, Value
 
-_SETTLING = 400
-"""Sweeps at most; sixty do for flesh that was trained."""
+_MOST_SWEEPS = 400
+"""Sweeps to find the equilibrium; trained models need about sixty."""
 _SETTLED_M = 1e-9
-"""Largest change in a sweep at which tissue is at rest."""
+"""Largest change in a sweep at which tissue counts as settled."""
 _STEP_S = 1 / (STEPS * FPS)
 
 
 @dataclass(frozen=True, eq=False)
-class Person:
-    """What a shape says of B characters' tissue."""
+class TissueConstants:
+    """Constants of K nodes of B characters that depend on the shape."""
 
     omega: Value
-    """(B, 1, K) 1/s."""
+    """(B, 1, K) natural frequency W, 1/s."""
     stiffening: Value
-    """(B, 1, K) 1/m^2."""
+    """(B, 1, K) a, 1/m^2."""
     sag: Value
-    """(B, 1, K) m."""
+    """(B, 1, K) |s|, m."""
     normals: Value
-    """(B, 3, K)."""
+    """(B, 3, K) of the skin, in the rest pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class Springs:
-    """Characters' constants of a step, (B, 1, K) where nothing else is said."""
+    """Coefficients of a step, (B, 1, K) unless stated; part of the state, by these names."""
 
     spring: Value
     """dt^2 / 4 times w^2."""
@@ -61,19 +62,19 @@ class Springs:
 
     @classmethod
     def shapes(cls, nodes: int) -> dict[str, tuple[int, int]]:
-        """Of each constant of a character."""
+        """Shapes of one character's coefficients, by name."""
         wide = ("hung", "normals")
         return {name: (3 if name in wide else 1, nodes) for name in cls.__dataclass_fields__}
 
 
-class SheetGraph:
-    """The nodes' mechanics in a graph.
+class TissueGraph:
+    """The mechanics of the nodes in a graph.
 
     Parameters
     ----------
-    coefficients : (K, 1) of each of the nodes' coefficients, for the template's body, by name.
+    coefficients : (K, 1) each, by name, for the template body.
     coupled : (K, K) dt^2 C / 4, see `bridge.tissue.oscillators.coupling`.
-    taps : weights of the loads that make that of a step, from the newest frame to the oldest.
+    taps : weights of the loads of frames in that of a step, from the newest to the oldest.
     """
 
     def __init__(
@@ -93,22 +94,22 @@ class SheetGraph:
             )
             self._beyond = graph.array("beyond", flat["normal_ratio"] - 1)
             self._bound = graph.array("bound", bound)
-            self._own_pull = graph.array("own_pull", coupled.diagonal())
+            self._self_coupling = graph.array("own_pull", coupled.diagonal())
             self._pulled = graph.array("pulled", (np.diag(bound) - coupled).T)
             self._gravity = graph.array("gravity", GRAVITY_M_S2[:, None])
             self._down = graph.array("down", np.array([[0.0], [-2.0], [0.0]]))
 
     @classmethod
-    def of(cls, graph: Graph, model: TrainedPlus) -> SheetGraph:
+    def of(cls, graph: Graph, model: TrainedPlus) -> TissueGraph:
         """The nodes of a trained model."""
         coefficients = {name: np.exp(log) for name, log in model.weights.base.items()}
         coupled = coupling(coefficients, model.nodes.laplacian)
         return cls(graph, coefficients, coupled, model.weights.taps.tolist())
 
     def load(self, acceleration: Value | None, columns: list[Value]) -> Value:
-        """(B, 3, K) m/s^2 on nodes that accelerate (B, 3, K); None where they stand still.
+        """Load (B, 3, K), m/s^2, on nodes with an acceleration (B, 3, K), or None for none.
 
-        `columns` are those of the rotations R that turn the nodes, (B, 3, K) each.
+        `columns` are those of the nodes' rotations R, (B, 3, K) each.
         """
         graph = self._graph
         # The rest frame's component y is column y of R times the vector.
@@ -120,7 +121,7 @@ class SheetGraph:
         return load - self._inertia_gain * inertia
 
     def smoothed(self, loads: list[Value]) -> Value:
-        """The load of a step from those of frames, the newest first."""
+        """The load of a step: the weighted sum of those of frames, the newest first."""
         first, *others = (tap * load for tap, load in zip(self._taps, loads, strict=True))
         for other in others:
             first = first + other
@@ -129,43 +130,43 @@ class SheetGraph:
     def frame(
         self, springs: Springs, now: Value, before: Value, load: Value
     ) -> tuple[Value, Value]:
-        """Offsets (B, 3, K) a frame after `now`, and a step before that."""
+        """Offsets (B, 3, K) a frame after `now`, and those a step earlier."""
         for _ in range(STEPS):
             before, now = now, self.step(springs, now, before, load)
         return now, before
 
     def settled(self, springs: Springs, load: Value) -> Value:
-        """(B, 3, K) at rest under a constant load.
+        """Offsets (B, 3, K) in equilibrium under a constant load.
 
-        Sweeps as in a step, with the strain that stiffens the springs, q of
-        `bridge.tissue.oscillators`, followed by Newton's method.
+        Sweeps as in a step; the strain q that stiffens the springs (`bridge.tissue.oscillators`) is
+        updated by Newton's method.
         """
-        pull, nothing = _STEP_S**2 / 4 * load, 0.0 * load
+        pull, zero = _STEP_S**2 / 4 * load, 0.0 * load
         hung = self._stretched(springs.hung, springs) / 4.0
 
         def sweep(offset_m: Value, strain: Value) -> tuple[Value, list[Value]]:
             gained = springs.stiffer * strain
             spring = springs.spring + (springs.standing + gained) / 2.0
             left = pull + offset_m @ self._pulled - gained * hung
-            found_m = self._solved(left, self._bound + spring, self._beyond * spring, springs)
-            reached = self._strain(found_m, self._stretched(found_m, springs), springs)
-            falls = (springs.standing + springs.stiffer * reached) / (spring + self._own_pull)
-            followed = strain + (reached - strain) / (1.0 + falls)
-            moved = self._graph.apply("Abs", found_m - offset_m).max(0, 1, 2)
-            return (moved.reshape() > _SETTLED_M), [found_m, followed]
+            new_m = self._solved(left, self._bound + spring, self._beyond * spring, springs)
+            reached = self._strain(new_m, self._stretched(new_m, springs), springs)
+            slope = (springs.standing + springs.stiffer * reached) / (spring + self._self_coupling)
+            new_strain = strain + (reached - strain) / (1.0 + slope)
+            change = self._graph.apply("Abs", new_m - offset_m).max(0, 1, 2)
+            return (change.reshape() > _SETTLED_M), [new_m, new_strain]
 
-        return self._graph.repeat(_SETTLING, [nothing, nothing.part(1, 0, 1)], sweep)[0]
+        return self._graph.repeat(_MOST_SWEEPS, [zero, zero.part(1, 0, 1)], sweep)[0]
 
-    def springs(self, person: Person) -> Springs:
-        """Of a person; they are the same in every step."""
-        down = person.normals.part(1, 1, 2)
-        hanging = person.sag * person.sag * (1.0 + self._beyond * down * down)
-        taut = person.stiffening * hanging
-        spring = _STEP_S**2 / 4 * person.omega * person.omega / (1.0 + 3.0 * taut)
-        drag = _STEP_S * person.omega * self._damping
-        hung = self._down * person.sag
-        stiffer, standing = 2.0 * spring * person.stiffening, 2.0 * spring * taut
-        return Springs(spring, stiffer, standing, drag, hung, person.normals)
+    def springs(self, constants: TissueConstants) -> Springs:
+        """Coefficients of a step, which depend on the shape alone."""
+        down = constants.normals.part(1, 1, 2)
+        hanging = constants.sag * constants.sag * (1.0 + self._beyond * down * down)
+        taut = constants.stiffening * hanging
+        spring = _STEP_S**2 / 4 * constants.omega * constants.omega / (1.0 + 3.0 * taut)
+        drag = _STEP_S * constants.omega * self._damping
+        hung = self._down * constants.sag
+        stiffer, standing = 2.0 * spring * constants.stiffening, 2.0 * spring * taut
+        return Springs(spring, stiffer, standing, drag, hung, constants.normals)
 
     def step(self, springs: Springs, now: Value, before: Value, load: Value) -> Value:
         """Offsets (B, 3, K) a step after `now`, which followed `before`."""
@@ -184,7 +185,7 @@ class SheetGraph:
         return after
 
     def _strain(self, offsets_m: Value, stretched: Value, springs: Springs) -> Value:
-        """q = |v|_P^2 - |s|_P^2, from u and P u."""
+        """The strain q = |v|_P^2 - |s|_P^2, from u and P u."""
         return ((offsets_m + springs.hung) * stretched).sum(1)
 
     def _stretched(self, offsets_m: Value, springs: Springs) -> Value:
@@ -198,8 +199,10 @@ class SheetGraph:
         return (left - outward * springs.normals) / along
 
 
-def person_of(graph: Graph, body: BodyModelData, model: TrainedPlus, betas: Value) -> Person:
-    """The tissue of persons of shapes betas (B, 10)."""
+def tissue_constants(
+    graph: Graph, body: BodyModelData, model: TrainedPlus, betas: Value
+) -> TissueConstants:
+    """The tissue of characters with betas (B, 10)."""
     nodes, weights = model.nodes.vertices, model.weights
     with graph.section("person"):
         vertices_m = _shaped(graph, "vertices", body.v_template, body.shapedirs, betas)
@@ -208,7 +211,7 @@ def person_of(graph: Graph, body: BodyModelData, model: TrainedPlus, betas: Valu
         height_m = heights.max(1, 2) - heights.min(1, 2)
         stature = volume_m3 / (height_m * height_m * height_m)
         depth_m = _depths(graph, body, vertices_m.gather(nodes, axis=1), betas)
-        # What log W has besides the template's: by `shape_features`, and by `shares_of_people`.
+        # Deviation of log W from the template's: by `shape_features`, and by `shares_of_people`.
         if model.elsewhere is None:
             template = shape_measures(body, np.zeros(body.shapedirs.shape[-1]), nodes)  # (K, 3)
         else:
@@ -220,27 +223,28 @@ def person_of(graph: Graph, body: BodyModelData, model: TrainedPlus, betas: Valu
                     strict=True)
             )
         )  # fmt: skip
-        own = depth + girth + mass + _taken_after(graph, model, betas).reshape(0, -1, 1)
-        logs = {n: graph.array(n, weights.base[n]) + by * own for n, by in weights.powers().items()}
-        each = {n: graph.apply("Exp", log).transpose(0, 2, 1) for n, log in logs.items()}
-        return Person(**each, normals=normals.transpose(0, 2, 1))
+        deviation = depth + girth + mass + _residual(graph, model, betas).reshape(0, -1, 1)
+        logs = {n: graph.array(n, weights.base[n]) + power * deviation
+                for n, power in weights.powers().items()}  # fmt: skip
+        constants = {n: graph.apply("Exp", log).transpose(0, 2, 1) for n, log in logs.items()}
+        return TissueConstants(**constants, normals=normals.transpose(0, 2, 1))
 
 
-def known_people(graph: Graph, model: TrainedPlus, betas: Value) -> Value:
-    """(B, P) 1 for the person of exactly this shape, as `known_person`."""
+def training_people(graph: Graph, model: TrainedPlus, betas: Value) -> Value:
+    """(B, P) 1 for the person of training with exactly these betas, as `known_person`."""
     with graph.section("known"):
-        beside = _of_trained(graph, model, betas).reshape(0, 1, N_BETAS)
-        apart = graph.apply("Abs", graph.array("people", model.people_betas) - beside)
-        allowed = 1e-5 + 1e-5 * graph.apply("Abs", beside)
+        trained = _trained_betas(graph, model, betas).reshape(0, 1, N_BETAS)
+        apart = graph.apply("Abs", graph.array("people", model.people_betas) - trained)
+        allowed = 1e-5 + 1e-5 * graph.apply("Abs", trained)
         far = graph.apply("Cast", apart > allowed, to=1).max(2)
         return (1.0 + -far).reshape(0, -1)
 
 
 def _shaped(graph: Graph, name: str, template: NDArray, by_shape: NDArray, betas: Value) -> Value:
-    """(B, N, 3) points that shapes move."""
+    """Points (B, N, 3) of a template (N, 3) that depend on the betas."""
     kernel = by_shape.reshape(-1, by_shape.shape[-1]).T
-    moved = betas @ graph.array(f"{name}_shapes", kernel)
-    return (moved + graph.array(name, template.ravel())).reshape(0, -1, 3)
+    displaced = betas @ graph.array(f"{name}_shapes", kernel)
+    return (displaced + graph.array(name, template.ravel())).reshape(0, -1, 3)
 
 
 def _surface(
@@ -260,7 +264,7 @@ def _surface(
 
 
 def _faces_around(body: BodyModelData, nodes: NDArray) -> NDArray[np.int64]:
-    """(K, D) faces at each node; where there are fewer, one that there is not."""
+    """Faces (K, D) at each node, filled up with the index after the last face."""
     corners = body.faces.ravel()
     ends = np.cumsum(np.bincount(corners, minlength=body.vertex_count))
     of_vertices = np.split(np.argsort(corners, kind="stable") // 3, ends[:-1])
@@ -275,7 +279,7 @@ def _cross(first: Value, second: Value) -> Value:
 
 
 def _depths(graph: Graph, body: BodyModelData, points_m: Value, betas: Value) -> Value:
-    """(B, K, 1) distance of points (B, K, 3) to the nearest bone's axis."""
+    """Distances (B, K, 1) of points (B, K, 3) from the nearest bone's axis."""
     joints_m = _shaped(graph, "joints", body.joints, body.joint_shapes, betas)
     with_parent = ends_of_bones(body.joints, body.parents)
     begins = joints_m.gather(body.parents[with_parent], axis=1)
@@ -287,19 +291,21 @@ def _depths(graph: Graph, body: BodyModelData, points_m: Value, betas: Value) ->
     return graph.apply("Max", nearest, LEAST_DEPTH_M)
 
 
-def _of_trained(graph: Graph, model: TrainedPlus, betas: Value) -> Value:
-    """(B, 10) betas of the model's body as those of the body that it was trained on."""
-    told = model.elsewhere
-    if told is None:
+def _trained_betas(graph: Graph, model: TrainedPlus, betas: Value) -> Value:
+    """Betas (B, 10) in the shape space of the body that the model was trained on."""
+    transfer = model.elsewhere
+    if transfer is None:
         return betas
-    return betas @ graph.array("to_betas", told.to_betas) + graph.array("shift", told.shift)
+    return betas @ graph.array("to_betas", transfer.to_betas) + graph.array("shift", transfer.shift)
 
 
-def _taken_after(graph: Graph, model: TrainedPlus, betas: Value) -> Value:
-    """(B, K) what log W has by `shares_of_people`."""
+def _residual(graph: Graph, model: TrainedPlus, betas: Value) -> Value:
+    """Deviation (B, K) of log W by `shares_of_people`."""
     people = model.people_betas.astype(np.float64)
     residual = np.linalg.solve(people_kernel(people), model.weights.residual[..., 0])
-    apart = graph.array("people", people) - _of_trained(graph, model, betas).reshape(0, 1, N_BETAS)
+    apart = graph.array("people", people) - _trained_betas(graph, model, betas).reshape(
+        0, 1, N_BETAS
+    )
     squared = (apart * apart).sum(2).reshape(0, -1)
     nearness = graph.apply("Exp", -1 / (2 * KERNEL_WIDTH**2) * squared)
     return nearness @ graph.array("residual", residual)

@@ -1,4 +1,4 @@
-"""What a stream refuses, poses and shapes of no person, and what of her poses it tells."""
+"""Checks of a stream's poses and betas, and warnings about suspicious poses."""
 
 from __future__ import annotations
 
@@ -16,57 +16,58 @@ from bridge.paper import N_BETAS, THETA_SIZE
 from dsnet.prediction.moving_body import LARGEST_BODY_M
 
 _LARGEST_LIMB_RAD = 4 * np.pi
-"""No limb turns twice about itself; in degrees one does in almost every pose."""
-_LEAPS_IN_A_ROW = 10
-"""No recording has so many: something else is wrong with the poses."""
-_HEARD, _REPEATED = 40, 8
-"""Of so many poses, how many that repeat the one before are told of."""
+"""Largest angle of a joint below the root; angles in degrees exceed it in almost every pose."""
+_CUTS_IN_A_ROW = 10
+"""Consecutive cuts that are warned about: no recording has so many."""
+_POSES_CHECKED, _MOST_REPEATS = 40, 8
+"""Poses that are checked at a time, and repeats among them that are warned about."""
 
 
 @dataclass
-class Oddities:
-    """Of one person's poses, each of which somebody could take; told of once on stderr."""
+class PoseWarnings:
+    """Warns on stderr about one character's poses that are valid one by one, but not together."""
 
-    leaps: int = 0
-    """From each of so many frames to the next."""
-    heard: list[NDArray] = field(default_factory=list)
-    """The newest poses (69,), until enough of them repeat."""
+    cuts: int = 0
+    """Consecutive cuts so far."""
+    poses: list[NDArray] = field(default_factory=list)
+    """The newest poses (69,), until repeats are found."""
     repeats: bool = False
+    """Whether repeats were found; they are warned about once."""
 
-    def leap(self, leaps: bool) -> None:
-        """Of a frame that may be a cut away from the one before."""
-        self.leaps = self.leaps + 1 if leaps else 0
-        if self.leaps == _LEAPS_IN_A_ROW:
+    def check_cut(self, is_cut: bool) -> None:
+        """Warn if there was a cut before each of many frames."""
+        self.cuts = self.cuts + 1 if is_cut else 0
+        if self.cuts == _CUTS_IN_A_ROW:
             notify(
-                f"a streamed body leaps from each of {_LEAPS_IN_A_ROW} frames to the next, so "
-                "no tissue moves: are its translations in metres, and every pose hers?"
+                f"a streamed body jumps in each of {_CUTS_IN_A_ROW} frames, so no tissue moves: "
+                "are its translations in metres, and all poses of one character?"
             )
 
-    def hear(self, theta: NDArray, fps: float) -> None:
-        """Of a pose (69,) as it comes."""
+    def check_repeats(self, theta: NDArray, fps: float) -> None:
+        """Warn if many poses (69,) repeat the one before while the body moves."""
         if self.repeats:
             return
-        self.heard.append(theta)
-        if len(self.heard) == _HEARD:
-            again = int(repeated_frames(np.stack(self.heard), fps).sum())
-            self.heard, self.repeats = [], again >= _REPEATED
+        self.poses.append(theta)
+        if len(self.poses) == _POSES_CHECKED:
+            count = int(repeated_frames(np.stack(self.poses), fps).sum())
+            self.poses, self.repeats = [], count >= _MOST_REPEATS
             if self.repeats:
                 notify(
-                    f"a streamed body repeats {again} of {_HEARD} poses while she moves, which "
-                    "jolts the tissue: pass each once, with fps= their rate"
+                    f"a streamed body repeats {count} of {_POSES_CHECKED} poses while it moves, "
+                    "which jolts the tissue: pass each once, with fps= their rate"
                 )
 
 
 def finite_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """An array of finite numbers of what a user passed as `name`."""
+    """`values` as an array; `DsnetError` names them `name` if they are not finite numbers."""
     try:
-        found = np.asarray(values)
-        flaw = f"values of type {found.dtype}" if found.dtype.kind not in "iuf" else ""
+        given = np.asarray(values)
+        flaw = f"values of type {given.dtype}" if given.dtype.kind not in "iuf" else ""
     except (TypeError, ValueError) as error:
-        found, flaw = np.empty(0), f"rows that fit no array ({error})"
+        given, flaw = np.empty(0), f"rows that fit no array ({error})"
     if flaw:
         raise DsnetError(f"{name} with {flaw}", "an array of numbers", "Pass finite real numbers.")
-    array = found.astype(np.float64)
+    array = given.astype(np.float64)
     if not np.isfinite(array).all():
         raise DsnetError(
             f"{name} with {int((~np.isfinite(array)).sum())} of {array.size} numbers not finite",
@@ -77,7 +78,7 @@ def finite_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
 
 
 def check_poses(name: str, theta: NDArray[np.float64]) -> None:
-    """Refuse poses theta (B, 69) of finite numbers that no body takes."""
+    """Refuse poses theta (B, 69) with impossible angles or translations."""
     pose, trans_m = unpack_theta(theta)
     angles_rad, far_m = np.linalg.norm(pose, axis=-1), np.abs(trans_m).max(initial=0.0)
     root_rad, limb_rad = (part.max(initial=0.0) for part in np.split(angles_rad, [1], axis=-1))
@@ -91,31 +92,31 @@ def check_poses(name: str, theta: NDArray[np.float64]) -> None:
 
 
 def checked_pose(name: str, theta: ArrayLike) -> NDArray[np.float64]:
-    """One person's pose (69,)."""
-    found = finite_numbers(name, theta)
-    if found.shape != (THETA_SIZE,):
+    """One character's pose (69,), or `DsnetError`."""
+    pose = finite_numbers(name, theta)
+    if pose.shape != (THETA_SIZE,):
         raise DsnetError(
-            f"{name} of shape {found.shape}",
+            f"{name} of shape {pose.shape}",
             f"({THETA_SIZE},): {THETA_SIZE - 3} of pose and 3 of translation",
             "Pack it with bridge.motion.pack_theta.",
         )
-    check_poses(name, found[None])
-    return found
+    check_poses(name, pose[None])
+    return pose
 
 
 def checked_betas(betas: ArrayLike, body: BodyModelData) -> NDArray[np.float64]:
-    """One person's shape (S,), whose body is of a person's size; what is not given is 0."""
-    found, count = finite_numbers("betas", betas), body.shapedirs.shape[-1]
-    if found.ndim != 1 or not N_BETAS <= len(found) <= count:
+    """One character's betas (S,), missing ones 0; `DsnetError` if the body would be too large."""
+    shape, count = finite_numbers("betas", betas), body.shapedirs.shape[-1]
+    if shape.ndim != 1 or not N_BETAS <= len(shape) <= count:
         expected = f"({N_BETAS},)" + (f" to ({count},)" if count > N_BETAS else "")
-        raise DsnetError(f"betas of shape {found.shape}", expected, "Pass one person's.")
-    found = np.pad(found, (0, count - len(found)))
+        raise DsnetError(f"betas of shape {shape.shape}", expected, "Pass one character's betas.")
+    shape = np.pad(shape, (0, count - len(shape)))
     with np.errstate(over="ignore", invalid="ignore"):
-        size_m = np.ptp(body.v_template + body.shapedirs @ found, axis=0).max()
+        size_m = np.ptp(body.v_template + body.shapedirs @ shape, axis=0).max()
     if not size_m < LARGEST_BODY_M:
         raise DsnetError(
             f"betas of a body of {size_m:.3g} m",
             f"one of less than {LARGEST_BODY_M:g} m",
             "Pass betas within a few standard deviations of 0.",
         )
-    return found
+    return shape

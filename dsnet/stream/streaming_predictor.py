@@ -17,12 +17,12 @@ from dsnet.stream.stream_checks import check_poses, finite_numbers
 
 
 class StreamingPredictor:
-    """DSNet's latents step by step; remembers each character's past (Section 4.2).
+    """DSNet's latents step by step; it keeps the LSTM state of each character (Section 4.2).
 
     Parameters
     ----------
     run : name of a run whose stage `train` is finished, or a loaded `TrainedDsnet`.
-    predictor : which of the run's networks; the run's own choice when None.
+    predictor : which of the run's networks; the run's default when None.
     """
 
     def __init__(
@@ -34,16 +34,16 @@ class StreamingPredictor:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past; the next step may have another number of characters."""
+        """Reset all states; the next step may have another number of characters."""
         self._state = np.empty((0, 0), np.float32)
 
     def step(self, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
-        """(B, 100) latents, as the autoencoder decodes them, one frame (1/60 s) later.
+        """Latents (B, 100), as the autoencoder decodes them, of the next frame (1/60 s).
 
-        `theta` (B, 69) are poses of B characters, in the same order at every step, `betas` (B, 10)
-        their shapes. DsnetError if their shapes are others, B has changed since the last `reset`, a
-        number is not finite, or a pose or shape is no person's. Then nothing has moved: go on with
-        the next frame.
+        `theta` (B, 69) are poses of B characters, in the same order at every step, and `betas`
+        (B, 10) their shapes. Raises DsnetError if the arrays have other shapes, B has changed since
+        the last `reset`, a number is not finite, or a pose or shape is impossible. States are then
+        unchanged: go on with the next frame.
         """
         theta, betas = finite_numbers("theta", theta), finite_numbers("betas", betas)
         if theta.ndim != 2 or theta.shape[1] != THETA_SIZE or betas.shape != (len(theta), N_BETAS):

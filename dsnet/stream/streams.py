@@ -1,9 +1,9 @@
-"""Characters who move while one watches: frame by frame, at any frame rate, who come and go.
+"""Streaming: characters that join, move frame by frame at any frame rate, and leave.
 
-bodies = dsnet.Stream(fps=90)  # or a run's: dsnet.Stream("demo")
-anna = bodies.join(betas)
-moved = bodies.step({anna: theta})[anna]  # .vertices_m, .offsets_m
-bodies.leave(anna)
+stream = dsnet.Stream(fps=90)  # or with the predictor of a run: dsnet.Stream("demo")
+anna = stream.join(betas)
+moved = stream.step({anna: theta})[anna]  # .vertices_m, .offsets_m
+stream.leave(anna)
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from dsnet.prediction.models import Model, PlusModel, finished
 from dsnet.prediction.moving_body import place_motion
 from dsnet.prediction.shape_space import with_betas_on
 from dsnet.stream.frame_clock import FrameClock
-from dsnet.stream.stream_checks import Oddities, checked_betas, checked_pose
+from dsnet.stream.stream_checks import PoseWarnings, checked_betas, checked_pose
 
-_MANY = 1000
-"""Shape coefficients of a body file that are kept: all."""
+_ALL_BETAS = 1000
+"""More shape coefficients than any body file has: all are kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,39 +44,40 @@ class MovedBody:
     vertices_m: NDArray[np.float32]
     """(V, 3) in the world."""
     offsets_m: NDArray[np.float32]
-    """(V, 3) in the rest pose: for an engine that skins by itself."""
+    """(V, 3) in the rest pose, for an engine that does the skinning."""
     latents: NDArray[np.float32] | None = None
-    """(100,) that the offsets are decoded from, if they are."""
+    """(100,) from which the offsets are decoded; None if the predictor has no latents."""
 
 
 class Stream:
-    """Moves any number of persons frame by frame: skin offsets and posed vertices.
+    """Skin offsets and posed vertices of any number of characters, frame by frame.
 
-    Each has her own past: what is made of her is independent of who else is there (vertices within
-    a micrometre: matrix products of many round differently), of who joins and leaves, and the same
-    as over the whole motion (offsets within 1e-5 m): both are loops over `Model.step`. She begins
-    at rest in her first pose. Where a pose jumps as far as `bridge.motion.cuts` calls a cut, she
-    begins anew there. Who does so at each of ten frames, or whose poses come twice, is told of on
-    stderr.
+    Characters are independent of one another (vertices within a micrometre, as matrix products of
+    several round differently). The results are those of the whole motion (offsets within 1e-5 m),
+    as both are loops over `Model.step`. A character starts in static equilibrium in its first pose,
+    and again after a cut (`bridge.motion.cuts`). Cuts at each of ten frames, and many repeated
+    poses, are warned about on stderr.
 
-    The model computes 60 ticks a second. At another rate poses are interpolated to ticks, as
-    `load_motion` resamples files of 60 and more frames a second (through slower ones it lays
-    splines, which look ahead), and what is made of ticks to frames. Answers are `latency_frames`
-    late: the model looks ahead by some ticks, and a frame needs the ticks before and after it.
+    The model computes 60 ticks a second. At another rate poses are interpolated linearly to ticks,
+    as `load_motion` does for files of 60 and more frames a second (for slower files it uses
+    splines, which look ahead), and results are interpolated from ticks to frames. Results are
+    `latency_frames` late: the model looks some ticks ahead, and a frame needs the ticks before and
+    after it.
 
-    What is remembered of a person does not grow.
+    The memory for a character does not grow with time.
 
     Parameters
     ----------
-    model : what `load_model` gives or takes: None for the small model that comes with the package,
-        a run's name, a folder that `TrainedModel.save` wrote; or a `TrainedPlus`, then with its
-        `body`.
-    predictor : which of the run's; the run's best when None.
-    body : the body model that moves, or its file or folder; `DSNET_BODY`, else the run's, when
-        None.
+    model : as for `load_model`: None for the small model that comes with the package, the name of a
+        run, a folder that `TrainedModel.save` wrote, or what `load_model` returned; or a
+        `TrainedPlus`, then with its `body`.
+    predictor : name of a predictor of the run; the run's best when None.
+    body : the body model that moves, or its file or folder; when None `DSNET_BODY`, or else the
+        run's.
     gender : of the packaged model's body, and of a folder's: `female`, `male` or `neutral`.
-    fps : frames per second of what comes and goes, 10 to 1000.
-    smooth : leave out the noise of a recording (`bridge.motion.smoothing`), three frames later.
+    fps : frames per second of poses and results, 10 to 1000.
+    smooth : remove the noise of a recording (`bridge.motion.smoothing`); adds three frames of
+        latency.
     """
 
     def __init__(
@@ -98,134 +99,142 @@ class Stream:
             self._model: Model = PlusModel(model, body)
         else:
             if isinstance(body, BodyModelData):
-                own = body.gender if body.gender in EMBEDDED_GENDERS else gender
-                self._model = find_model(model, predictor, own).open(body)
+                gender = body.gender if body.gender in EMBEDDED_GENDERS else gender
+                self._model = find_model(model, predictor, gender).open(body)
             else:
-                found = load_model(model, predictor, gender, requested_body(body), more_betas=_MANY)
-                self._model, body = found.model, found.body
+                trained = load_model(
+                    model, predictor, gender, requested_body(body), more_betas=_ALL_BETAS
+                )
+                self._model, body = trained.model, trained.body
         self._body, self._skin = body, Smpl(body, hands=False)
         self._characters: dict[int, _Character] = {}
         self._numbers = count()
-        self._late = self._clock.latency_frames(self._model.look_ahead)
-        self.latency_frames = self._late + (StreamSmoother.look_ahead if smooth else 0)
-        """How many frames ago was what `step` answers."""
+        self._latency = self._clock.latency_frames(self._model.look_ahead)
+        self.latency_frames = self._latency + (StreamSmoother.look_ahead if smooth else 0)
+        """Age of the results of `step`, frames."""
         self.latency_s = self.latency_frames / self._clock.fps
-        """The same in seconds."""
+        """Age of the results of `step`, seconds."""
 
     @property
     def characters(self) -> tuple[int, ...]:
-        """Those who are there, in the order in which they came."""
+        """Numbers of the present characters, in the order in which they joined."""
         return tuple(self._characters)
 
     def placed(self, motion: Motion) -> Motion:
-        """A motion as its file has it, made one of these bodies: its `betas` are for `join`, its
-        `theta`, y up and about the body's own root joint, for `step`.
+        """Adapt a motion, as read from its file, to the stream's body.
+
+        Pass the result's `betas` to `join`, and its `theta`, y up and about this body's root joint,
+        to `step`.
         """
         return place_motion(with_betas_on(motion, self._body), self._body)
 
     def join(self, betas: ArrayLike) -> int:
-        """Let a person of shape betas in, (10,) or more if the body has; the number is hers, and
-        never anybody else's.
+        """Add a character with betas (10,), or more if the body has more; gives its number.
 
-        Takes, with her first step, longer than the steps after it: her tissue is brought to rest.
+        Numbers are not used again. This and the character's first step take longer than later
+        steps, as the static equilibrium is computed.
         """
         shape = checked_betas(betas, self._body)
         smoother = StreamSmoother(self._clock.fps) if self._smooth else None
         character = _Character(self._skin.person(shape), shape, smoother)
-        who = next(self._numbers)
-        self._characters[who] = character
-        return who
+        number = next(self._numbers)
+        self._characters[number] = character
+        return number
 
     def step(self, poses: Mapping[int, ArrayLike]) -> dict[int, MovedBody]:
-        """Advance those who are named by one frame of 1 / fps s; for others no time passes.
+        """Advance the given characters by one frame of 1 / fps s; for others no time passes.
 
-        `poses` are theta (69,) by the number that `join` gave; the answer has, by the same
-        numbers, each as she was `latency_frames` ago, or at her first frame if she has not been
-        there for so long. DsnetError if a number is nobody's, or a pose has another shape, numbers
-        that are not finite or beyond all bounds. Then nobody has moved: go on with the next frame.
+        `poses` are theta (69,) by the numbers that `join` gave. The result has, by the same
+        numbers, each character as it was `latency_frames` ago, or at its first frame if it joined
+        later than that. Raises DsnetError if there is no such character, or a pose has another
+        shape, numbers that are not finite, or impossible ones. Nothing has moved then: go on with
+        the next frame.
         """
-        here = [self._character(who) for who in poses]
-        if not here:
+        characters = [self._character(number) for number in poses]
+        if not characters:
             return {}
-        rows = [checked_pose(f"theta of character {who}", theta) for who, theta in poses.items()]
-        for character, row in zip(here, rows, strict=True):
-            character.odd.hear(row, self._clock.fps)
-        calm = [
-            c.smoother.push(row) if c.smoother else row for c, row in zip(here, rows, strict=True)
+        rows = [checked_pose(f"theta of character {n}", theta) for n, theta in poses.items()]
+        for character, row in zip(characters, rows, strict=True):
+            character.warnings.check_repeats(row, self._clock.fps)
+        smooth = [
+            c.smoother.push(row) if c.smoother else row
+            for c, row in zip(characters, rows, strict=True)
         ]
-        known = [(c, row) for c, row in zip(here, calm, strict=True) if row is not None]
-        if known:
-            self._advance([c for c, _ in known], np.stack([row for _, row in known]))
-        moved = self._moved(here, [max(c.frames - 1 - self._late, 0) for c in here])
-        for character in here:
-            character.forget(max(character.frames - self._late, 0), self._clock)
+        ready = [(c, row) for c, row in zip(characters, smooth, strict=True) if row is not None]
+        if ready:
+            self._advance([c for c, _ in ready], np.stack([row for _, row in ready]))
+        moved = self._moved(characters, [max(c.frames - 1 - self._latency, 0) for c in characters])
+        for character in characters:
+            character.forget(max(character.frames - self._latency, 0), self._clock)
         return dict(zip(poses, moved, strict=True))
 
     def leave(self, who: int) -> Iterator[MovedBody]:
-        """Let somebody go; gives the `latency_frames` last frames that she was given and no step
-        has answered, as if her motion ended there, each computed when it is asked for."""
+        """Remove a character; gives its last `latency_frames` frames, which no step has returned.
+
+        They are computed lazily, as if the motion ended there.
+        """
         character = self._character(who)
         del self._characters[who]
-        return self._owed(character)
+        return self._last_frames(character)
 
-    def _owed(self, character: _Character) -> Iterator[MovedBody]:
-        answered = max(character.frames - 1 - self._late, 0)
+    def _last_frames(self, character: _Character) -> Iterator[MovedBody]:
+        returned = max(character.frames - 1 - self._latency, 0)
         for row in character.smoother.finish() if character.smoother else ():
             self._advance([character], row[None])
         character.finish(self._model)
-        for frame in range(answered + 1, character.frames):
+        for frame in range(returned + 1, character.frames):
             yield from self._moved([character], [frame])
 
     def _advance(self, characters: Sequence[_Character], theta: NDArray) -> None:
-        """Give each one frame more, of theta (B, 69), and all ticks up to it."""
-        each = list(zip(characters, theta, strict=True))
-        before = np.array([c.poses[-1] if c.poses else row for c, row in each])
-        cut = is_cut(before, theta)
-        # Ticks before a cut's frame are still the old motion's, which goes on as it did.
-        towards = np.array([
-            going_on(c.poses[-min(c.since_cut, 2)], c.poses[-1]) if jumps else row
-            for (c, row), jumps in zip(each, cut, strict=True)
+        """Add a frame, theta (B, 69), to each character, and all ticks up to it."""
+        pairs = list(zip(characters, theta, strict=True))
+        before = np.array([c.poses[-1] if c.poses else row for c, row in pairs])
+        cuts = is_cut(before, theta)
+        # Ticks before the frame after a cut belong to the old motion, which is extrapolated.
+        targets = np.array([
+            going_on(c.poses[-min(c.since_cut, 2)], c.poses[-1]) if cut else row
+            for (c, row), cut in zip(pairs, cuts, strict=True)
         ])  # fmt: skip
         ticks = [self._clock.ticks(c.frames) for c in characters]
-        for turn in range(max(map(len, ticks))):
-            rows = [row for row, numbers in enumerate(ticks) if turn < len(numbers)]
-            some = [characters[row] for row in rows]
-            share = np.array([
-                self._clock.share(ticks[row][turn], characters[row].frames) for row in rows
+        for number in range(max(map(len, ticks))):
+            rows = [row for row, numbers in enumerate(ticks) if number < len(numbers)]
+            fractions = np.array([
+                self._clock.fraction(ticks[row][number], characters[row].frames) for row in rows
             ])  # fmt: skip
-            after = np.where(share[:, None] == 1, theta[rows], towards[rows])
-            self._tick(some, between(before[rows], after, share))
-        for (character, pose), jumps in zip(each, cut, strict=True):
-            character.odd.leap(bool(jumps))
+            after = np.where(fractions[:, None] == 1, theta[rows], targets[rows])
+            self._tick([characters[row] for row in rows], between(before[rows], after, fractions))
+        for (character, pose), cut in zip(pairs, cuts, strict=True):
+            character.warnings.check_cut(bool(cut))
             character.frames += 1
             character.poses.append(pose)
-            character.since_cut = 1 if jumps else character.since_cut + 1
+            character.since_cut = 1 if cut else character.since_cut + 1
 
     def _tick(self, characters: Sequence[_Character], theta: NDArray) -> None:
-        """Give each one tick more, of theta (B, 69); after a cut tissue begins anew, at rest."""
-        model, each = self._model, list(zip(characters, theta, strict=True))
-        before = np.array([c.ticks[-1] if c.ticks else row for c, row in each])
+        """Add a tick, theta (B, 69), to each character; after a cut the tissue starts at rest."""
+        model, pairs = self._model, list(zip(characters, theta, strict=True))
+        before = np.array([c.ticks[-1] if c.ticks else row for c, row in pairs])
         states = []
-        for (character, row), jumps in zip(each, is_cut(before, theta), strict=True):
-            if character.state is None or jumps:
+        for (character, row), cut in zip(pairs, is_cut(before, theta), strict=True):
+            if character.state is None or cut:
                 character.finish(model)
                 character.state = model.reset(character.betas[None], row[None])[0]
-                character.since_begin = 0
+                character.since_start = 0
             states.append(character.state)
         states, codes = model.step(np.stack(states), theta)
-        for (character, row), state, code in zip(each, states, codes, strict=True):
+        for (character, row), state, code in zip(pairs, states, codes, strict=True):
             character.state = state.copy()
             character.ticks.append(row)
-            character.begins.append(character.since_begin == 0)
-            # The first tick's code comes again until another's is known.
-            if not 0 < character.since_begin <= model.look_ahead:
+            character.starts.append(character.since_start == 0)
+            # During the look-ahead the model repeats the first tick's code.
+            if not 0 < character.since_start <= model.look_ahead:
                 character.codes.append(code.copy())
-            character.since_begin += 1
+            character.since_start += 1
 
     def _moved(self, characters: Sequence[_Character], frames: Sequence[int]) -> list[MovedBody]:
-        each = list(zip(characters, frames, strict=True))
-        codes = [character.code_at(frame, self._clock) for character, frame in each]
-        theta = np.stack([character.pose_at(frame) for character, frame in each])
+        """The bodies of characters, each at one of its frames."""
+        pairs = list(zip(characters, frames, strict=True))
+        codes = [character.code_at(frame, self._clock) for character, frame in pairs]
+        theta = np.stack([character.pose_at(frame) for character, frame in pairs])
         betas = np.stack([character.betas for character in characters])
         offsets_m = self._model.offsets_m(betas, np.stack(codes), theta)
         shaped = [character.shaped for character in characters]
@@ -237,67 +246,67 @@ class Stream:
         if who not in self._characters:
             raise DsnetError(
                 f"character {who!r}",
-                f"one of {', '.join(map(str, self._characters)) or '(nobody is there)'}",
-                "Pass the number that join() gave; who has left may join again.",
+                f"one of {', '.join(map(str, self._characters)) or '(there is none)'}",
+                "Pass a number that join() gave; a character that has left may join again.",
             )
         return self._characters[who]
 
 
 @dataclass(eq=False)
 class _Character:
-    """All that one's future depends on."""
+    """The state of one character; `Stream` numbers them."""
 
     shaped: ShapedBody
     betas: NDArray
     """(10,)."""
     smoother: StreamSmoother | None = None
     frames: int = 0
-    """That she was given, of a smoother those that it has answered."""
+    """Number of frames so far, after the smoother if there is one."""
     poses: list[NDArray] = field(default_factory=list)
-    """The newest of them, (69,) each."""
+    """The newest poses, (69,) each."""
     since_cut: int = 0
-    """How many frames."""
-    odd: Oddities = field(default_factory=Oddities)
+    """Frames since the last cut."""
+    warnings: PoseWarnings = field(default_factory=PoseWarnings)
     state: NDArray[np.float32] | None = None
-    """(S,) the model's, after the newest tick."""
-    since_begin: int = 0
-    """How many ticks that state has seen."""
+    """(S,) of the model, after the newest tick."""
+    since_start: int = 0
+    """Ticks since the model was reset."""
     first: int = 0
     """Number of the first tick that is kept."""
     ticks: list[NDArray] = field(default_factory=list)
-    """Poses (69,) from that tick on."""
-    begins: list[bool] = field(default_factory=list)
-    """Whether the tissue begins there, at rest."""
+    """Poses (69,) of the kept ticks."""
+    starts: list[bool] = field(default_factory=list)
+    """Whether the model was reset at each kept tick."""
     codes: list[NDArray] = field(default_factory=list)
-    """What the model made of them; of the newest it may not be known yet."""
+    """The model's results for the kept ticks; those of the newest come later."""
 
     def code_at(self, frame: int, clock: FrameClock) -> NDArray:
-        """Of a frame, between those of the ticks about it, but not across a cut."""
-        tick, share = clock.place(frame)
+        """Code of a frame, interpolated between the ticks around it, but not across a cut."""
+        tick, fraction = clock.place(frame)
         row = tick - self.first
-        here, there = self.codes[row], self.codes[row + 1 : row + 2]
-        if not (share and there):
-            return here
-        if not self.begins[row + 1]:
-            return here + np.float32(share) * (there[0] - here)
+        before, after = self.codes[row], self.codes[row + 1 : row + 2]
+        if not (fraction and after):
+            return before
+        if not self.starts[row + 1]:
+            return before + np.float32(fraction) * (after[0] - before)
         pose = self.pose_at(frame)
-        return here if is_cut(pose[None], self.ticks[row + 1][None])[0] else there[0]
+        return before if is_cut(pose[None], self.ticks[row + 1][None])[0] else after[0]
 
     def pose_at(self, frame: int) -> NDArray:
-        """(69,) one of the newest."""
+        """Pose (69,) of a frame, one of the newest."""
         return self.poses[frame - self.frames]
 
     def finish(self, model: Model) -> None:
-        """All codes are known where she stops."""
+        """Add the codes of the newest ticks, as if the motion ended here."""
         if self.state is not None:
-            owed = finished(model, self.state[None], self.ticks[-1][None])
-            # Of a motion shorter than the look-ahead the first are those before its beginning.
-            owed = owed[max(model.look_ahead - self.since_begin + 1, 0) :]
-            self.codes += [codes[0] for codes in owed]
+            last = finished(model, self.state[None], self.ticks[-1][None])
+            # In a motion shorter than the look-ahead the first ones are of ticks before it.
+            last = last[max(model.look_ahead - self.since_start + 1, 0) :]
+            self.codes += [codes[0] for codes in last]
 
     def forget(self, frame: int, clock: FrameClock) -> None:
-        """Keep what frames from this one on need, and what tells a cut to the next."""
+        """Drop what later frames do not need; the last two poses are kept to find a cut."""
         old = min(clock.place(frame)[0] - self.first, len(self.ticks) - 1)
         del self.poses[: min(frame - self.frames, -2)]
-        del self.ticks[:old], self.begins[:old], self.codes[:old]
+        del self.ticks[:old], self.starts[:old], self.codes[:old]
         self.first += old

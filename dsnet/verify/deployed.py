@@ -44,13 +44,13 @@ def dsnet_graph(
     """Posed skin of poses theta (T, B, 69), by DSNet and the decoder, frame by frame."""
     network, data = TrainedDsnet.from_arrays("dsnet", weights), load_body_model(body)
     graph = network_graphs.dsnet_body_graph(network, weights, architecture, data)
-    return {"layer/vertices": GraphSession(graph).rolled(theta, betas)}
+    return {"layer/vertices": GraphSession(graph).rollout(theta, betas)}
 
 
 def plus_graph(weights: Tensors, theta: NDArray, betas: NDArray, body: str) -> Tensors:
     """Posed skin of poses theta (T, B, 69), by `dsnet_plus`, frame by frame."""
     graph = plus_body_graph(TrainedPlus.from_arrays(weights), load_body_model(body))
-    return {"layer/vertices": GraphSession(graph).rolled(theta, betas)}
+    return {"layer/vertices": GraphSession(graph).rollout(theta, betas)}
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""What there is to be seen: motions, people and predictors, of a run or of the package.
+"""The clips, shapes and predictors that the viewer offers: those of a run, or of the package.
 
-The simulated truth is to be looked at beside predictions: nothing is computed from it but errors.
-Apart from evaluation and the report this is the one reader, and what it reads reaches no predictor.
+The simulated truth is shown beside predictions, and only errors are computed from it. Apart from
+evaluation and the report this is the only module that reads it, and no predictor receives it.
 """
 
 from __future__ import annotations
@@ -32,112 +32,112 @@ from dsnet.prediction.load_model import PIPELINES, TrainedModel, load_model
 from dsnet.prediction.moving_body import MovingBody, place_motion
 from dsnet.prediction.shape_space import with_betas_on
 
-AVERAGE = "average shape"
+_AVERAGE = "average shape"
 TRUTH = "truth"
-_KINDS = {"train": "trained on", "validation": "held out", "test": "unseen"}
+_SPLIT_LABELS = {"train": "trained on", "validation": "held out", "test": "unseen"}
 
 
 @dataclass(frozen=True, eq=False)
-class ViewedMotion:
-    """One motion that can be chosen."""
+class Clip:
+    """One motion that can be chosen in the viewer."""
 
     read: Callable[[], Motion]
-    """The motion of its own person, y up."""
+    """Loads the motion, with the betas of its subject, y up."""
     sequence: str = ""
-    """Its name among the run's, by which its truth is found where that is known."""
+    """Name of the run's sequence, by which the truth is looked up; empty if it has none."""
 
 
 @dataclass(frozen=True, eq=False)
-class Repertoire:
-    """Everything that one viewer can show; all of it moves the same body model."""
+class ClipList:
+    """Everything that one viewer can show; all clips move the same body model."""
 
     best: TrainedModel
-    """The predictor to be shown first, whose body moves."""
+    """The predictor that is shown first; its body is the one that moves."""
     predictors: Mapping[str, str]
-    """Labels by name, the best first."""
+    """Labels of predictors by name, the best first."""
     open: Callable[[str], TrainedModel]
-    """A predictor by name."""
-    takes: Mapping[str, ViewedMotion]
-    """By what the picker calls them, the first to be shown first."""
-    people: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    """Shapes (10,) by name, besides each motion's own person."""
+    """Loads a predictor by name."""
+    clips: Mapping[str, Clip]
+    """Clips by their title in the page; the first one is shown first."""
+    shapes: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Betas (10,) by name, which can be chosen instead of those of the motion."""
     truth: MotionArrays | None = None
-    """True poses, shapes and offsets, where any are known."""
+    """True poses, shapes and offsets; None if they are not known."""
 
-    def truth_of(self, take: ViewedMotion) -> MotionSequence | None:
-        """Where in the truth a motion stands, if it does."""
-        return self.truth.sequences.get(take.sequence) if self.truth else None
+    def truth_of(self, clip: Clip) -> MotionSequence | None:
+        """The true sequence of a clip; None if it has none."""
+        return self.truth.sequences.get(clip.sequence) if self.truth else None
 
 
-def open_repertoire(
+def open_clip_list(
     run: Run | None, path: Path | None, controls: Controls | None = None
-) -> Repertoire:
+) -> ClipList:
     """Everything that can be shown with a run's predictors, or with the packaged one.
 
     Parameters
     ----------
-    path : a motion to be shown first, of any format that is read, or a sample.
-    controls : how that is read and posed, and of whose body; on another body than the predictor was
-        trained on a run's own sequences and people are left out.
+    path : motion file of any supported format, or a sample, that is shown first.
+    controls : how that file is read and posed, and on which body. On another body than the
+        predictor was trained on, the run's own sequences and subjects are left out.
     """
-    asked, takes = controls or Controls(), {}
+    controls, clips = controls or Controls(), {}
     if path is None:
-        best = asked.model(run, None)
+        best = controls.model(run, None)
     else:
-        best, motion = asked.load(run, None, path)
-        moving = controlled_body(best, motion, asked)
-        flesh = [] if asked.pose == "bony" else flesh_in_pose(motion)
-        for warning in (*motion_warnings(moving.motion, moving.pieces), *flesh):
+        best, motion = controls.load(run, None, path)
+        moving = controlled_body(best, motion, controls)
+        of_pose = [] if controls.pose == "bony" else flesh_in_pose(motion)
+        for warning in (*motion_warnings(moving.motion, moving.pieces), *of_pose):
             notify(warning)
-        takes[path_title(path)] = ViewedMotion(lambda: moving.motion)
+        clips[path_title(path)] = Clip(lambda: moving.motion)
     model = cache(lambda name: best if name == best.name else load_model(run, name))
-    people = {AVERAGE: np.zeros(best.body.shapedirs.shape[-1])}
-    found = Repertoire(best, {best.name: best.label}, model, takes, people)
+    shapes = {_AVERAGE: np.zeros(best.body.shapedirs.shape[-1])}
+    clip_list = ClipList(best, {best.name: best.label}, model, clips, shapes)
     if run is None or best.other_body is not None:
-        samples = [Path(SAMPLE_PREFIX + name) for name in SAMPLES]
-        others = {path_title(sample): _of_file(sample, best.body) for sample in samples}
-        return replace(found, takes=takes | others | takes)
+        paths = [Path(SAMPLE_PREFIX + name) for name in SAMPLES]
+        samples = {path_title(sample): _of_file(sample, best.body) for sample in paths}
+        return replace(clip_list, clips=clips | samples | clips)
     align = run.artifact(ROBUST_ALIGNMENT if run.finished(ROBUST_ALIGNMENT) else ALIGNMENT)
-    for take, split in _recorded(run, align, best.body):
-        takes[f"{take.sequence} ({_KINDS[split]})"] = take
-    if not takes:
+    for clip, split in _recorded(run, align, best.body):
+        clips[f"{clip.sequence} ({_SPLIT_LABELS[split]})"] = clip
+    if not clips:
         raise DsnetError(f"run {run.name!r} without motions", "a motion", "Pass --motion FILE.")
     return replace(
-        found,
-        predictors={**found.predictors, **_dsnets_of(run)},
-        people=_people(align) | people,
+        clip_list,
+        predictors={**clip_list.predictors, **_dsnets_of(run)},
+        shapes=_subject_betas(align) | shapes,
         truth=open_truth(run, best.origin),
     )
 
 
 def path_title(path: Path) -> str:
-    """What the picker calls a file or a sample."""
+    """The title of a file or a sample in the page."""
     return path.stem.removeprefix(SAMPLE_PREFIX)
 
 
 def open_truth(run: Run, origin: str) -> MotionArrays | None:
-    """What really moved in a run's sequences, where it is known.
+    """The simulated truth of a run's sequences; None if there is none.
 
-    `origin` is that of the run's meshes; the truth is of its own corpus, not of licensed ones.
+    `origin` is that of the run's meshes: of licensed ones no truth is known.
     """
-    known = origin == "synthetic" and run.finished(TRUTH)
-    return MotionArrays.of(run.artifact(TRUTH)) if known else None
+    has_truth = origin == "synthetic" and run.finished(TRUTH)
+    return MotionArrays.of(run.artifact(TRUTH)) if has_truth else None
 
 
-def take_of(moving: MovingBody) -> tuple[ViewedMotion, MotionArrays | None]:
-    """A motion as it is moved, with its truth if it is one of its run's corpus, as recorded."""
+def clip_of(moving: MovingBody) -> tuple[Clip, MotionArrays | None]:
+    """The clip of a moving body, and the truth if it is an unchanged motion of its run."""
     motion, trained = moving.motion, moving.trained
     first, *_ = trained.artifacts.values()
-    folder, take = first.path.parent.resolve(), ViewedMotion(lambda: motion)
-    recorded = not set(moving.controls) - {"gain", "part_gain"}
-    if recorded and folder / "corpus" in motion.source.resolve().parents:
+    folder, clip = first.path.parent.resolve(), Clip(lambda: motion)
+    unchanged = not set(moving.controls) - {"gain", "part_gain"}
+    if unchanged and folder / "corpus" in motion.source.resolve().parents:
         sequence = "_".join(subject_and_motion(motion.source))
-        return replace(take, sequence=sequence), open_truth(Run(folder.name), trained.origin)
-    return take, None
+        return replace(clip, sequence=sequence), open_truth(Run(folder.name), trained.origin)
+    return clip, None
 
 
 def _dsnets_of(run: Run) -> dict[str, str]:
-    """Labels of the paper's networks, where the run has all that moves bodies by them."""
+    """Labels of the run's DSNets by name; empty if stages that they need are not finished."""
     stages = next(stages for stages in PIPELINES if TRAIN in stages)
     if not all(map(run.finished, stages)):
         return {}
@@ -146,34 +146,37 @@ def _dsnets_of(run: Run) -> dict[str, str]:
     return {name: entries[name].get("label", name) for name in dsnets_of(trained)}
 
 
-def _of_file(path: Path, body: BodyModelData, sequence: str = "") -> ViewedMotion:
+def _of_file(path: Path, body: BodyModelData, sequence: str = "") -> Clip:
     def read() -> Motion:
         motion = load_motion(path, how=HowRead(up="z"))
         return place_motion(with_betas_on(motion, body), body)
 
-    return ViewedMotion(read, sequence)
+    return Clip(read, sequence)
 
 
-def _people(align: Artifact) -> dict[str, NDArray[np.float64]]:
+def _subject_betas(align: Artifact) -> dict[str, NDArray[np.float64]]:
     betas, rows = align.array("betas"), subject_rows(sequences_of(align))
     return {name: betas[row].astype(np.float64) for name, row in rows.items()}
 
 
-def _recorded(run: Run, align: Artifact, body: BodyModelData) -> Iterator[tuple[ViewedMotion, str]]:
-    """The sequences that the run's meshes show, as alignment saw them, those held out first; then
-    the corpus's motions without meshes, on which predictors are tested. Each with its split."""
-    people, theta = _people(align), align.array("theta")
+def _recorded(run: Run, align: Artifact, body: BodyModelData) -> Iterator[tuple[Clip, str]]:
+    """Clips of a run's sequences, each with its split.
+
+    First the aligned ones, those held out before the others; then the corpus's motions without
+    meshes, on which predictors are tested.
+    """
+    betas, theta = _subject_betas(align), align.array("theta")
     for one in sorted(sequences_of(align), key=lambda one: one.split != "validation"):
         motion = Motion(
             theta=theta[one.frames].astype(np.float64),
-            betas=people[one.subject],
+            betas=betas[one.subject],
             gender=body.gender,
             fps=FPS,
             source_fps=one.fps,
             source=Path(one.name),
-            trans_of="y",  # of whatever shape
+            trans_of="y",  # the translation holds for any shape
         )
-        yield ViewedMotion(lambda motion=motion: motion, one.name), one.split
+        yield Clip(lambda motion=motion: motion, one.name), one.split
     if "corpus" in align.manifest["upstream"]:
         corpus = run.artifact("corpus")
         for name in sorted(corpus.manifest["files"]):

@@ -1,4 +1,4 @@
-"""`dsnet view`: predictions in a browser, as they move."""
+"""`dsnet view`: a page in which the model runs and moving bodies are compared."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from dsnet.prediction.motion_options import MotionOptions
 
 @dataclass(frozen=True, kw_only=True)
 class ViewConfig(MotionOptions):
-    """Show SMPL alone, predictions and the truth in a browser, alive: the model runs in the page.
+    """Show SMPL alone, predictions and the truth side by side in a browser; the model runs there.
 
-    Its knobs are gains, shape, loop, floor and speed; `dsnet export --to html` writes the same page
-    as a file."""
+    The page has knobs for gains, shape, loop, floor and speed. `dsnet export --to html` writes the
+    same page as a file."""
 
     run: str | None = None
     """Run whose predictors and motions are shown; the small model that comes with the package
@@ -35,15 +35,15 @@ PROFILES = dict.fromkeys(("smoke", "demo", "paper"), ViewConfig())
 def main(config: ViewConfig) -> None:
     """Serve the page until it is interrupted."""
     check_options(config)
-    # Late: what moves bodies takes a second to load.
+    # Imported here: they take a second to load, and bad options are refused before.
     from dsnet.prediction.controls import Controls
-    from dsnet.view.clip_list import open_repertoire
+    from dsnet.view.clip_list import open_clip_list
     from dsnet.view.page import serving
     from dsnet.view.scene import Scene
 
     run = None if config.run is None else Run(config.run)
-    asked = Controls(**{one.name: getattr(config, one.name) for one in fields(MotionOptions)})
-    repertoire = open_repertoire(run, config.motion, asked)
-    with serving(Scene(repertoire), config.port) as address:
-        notify(f"{repertoire.best.owner}: open {address} in a browser; Ctrl-C ends it")
+    controls = Controls(**{one.name: getattr(config, one.name) for one in fields(MotionOptions)})
+    clip_list = open_clip_list(run, config.motion, controls)
+    with serving(Scene(clip_list), config.port) as address:
+        notify(f"{clip_list.best.owner}: open {address} in a browser; Ctrl-C ends it")
         threading.Event().wait()

@@ -21,7 +21,7 @@ from dsnet.cli import main
 from dsnet.onnx.onnx_graph import GraphSession
 from dsnet.prediction.moving_body import MovingBody
 from dsnet.stream.streams import Stream
-from dsnet.view.clip_list import open_repertoire
+from dsnet.view.clip_list import open_clip_list
 from dsnet.view.scene import STEP_M, Scene
 from tests.dsnet.conftest import WIDTHS, autoencoder_arrays
 from tests.dsnet.view.conftest import JUMP, forged_run
@@ -104,20 +104,20 @@ def test_the_exported_graph_gives_what_it_predicts(run, predicted, tmp_path):
     main(["export", "--to", "onnx", *ASKED, "--out", str(path)])
     motion = Stream("r", "gru").placed(load_motion(Path(MOTION)))
     theta, betas = (array.astype(np.float32) for array in (motion.theta, motion.betas))
-    found_m = GraphSession(onnx.load_model(path)).rolled(theta[:, None], betas[None])[:, 0]
+    found_m = GraphSession(onnx.load_model(path)).rollout(theta[:, None], betas[None])[:, 0]
     np.testing.assert_allclose(found_m, predicted["vertices"], atol=1e-5)
 
 
 def test_the_page_offers_it_and_shows_its_offsets(run):
-    repertoire = open_repertoire(run, None)
-    assert [*repertoire.predictors] == [NAME, "gru"]
-    scene = Scene(repertoire)
+    clip_list = open_clip_list(run, None)
+    assert [*clip_list.predictors] == [NAME, "gru"]
+    scene = Scene(clip_list)
     shown = facts_of(scene)
     assert shown["labels"]["gru"] == "GRU of 96 units"
     number = [one["name"] for one in shown["motions"]].index(JUMP)
     found_m = track_m(scene.assets[f"track{number}_gru"]())
-    motion = repertoire.takes[JUMP].read().frames(slice(len(found_m)))
-    moving = MovingBody(repertoire.open("gru"), motion)
+    motion = clip_list.clips[JUMP].read().frames(slice(len(found_m)))
+    moving = MovingBody(clip_list.open("gru"), motion)
     expected_m = np.concatenate([piece.offsets_m for piece in moving])
     np.testing.assert_allclose(found_m, expected_m, atol=0.51 * STEP_M)
     assert np.ptp(expected_m, axis=0).max() > 1e-4

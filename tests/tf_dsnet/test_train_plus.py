@@ -26,7 +26,7 @@ from tests.tf_dsnet.plus import PEOPLE, TINY, forge_run, teach_nothing, train
 from tf_dsnet.framework import Tensor
 from tf_dsnet.oscillators import Batch, OscillatorLearner
 from tf_dsnet.oscillators import _loss as loss_of_windows
-from tf_dsnet.train_plus import PlusTraining, told_by_shape
+from tf_dsnet.train_plus import PlusTraining, explained_by_shape
 
 NODES = 60
 SETTINGS = TrainPlusConfig(
@@ -101,7 +101,7 @@ def test_what_shapes_tell_of_known_people_is_taken_out_of_what_they_have_besides
     features = np.stack([shape_features(body, betas, vertices) for betas in people])
     told = 0.3 + features @ truth.weights.slopes
     learned = replace(truth.weights, slopes=0 * truth.weights.slopes, residual=told)
-    found = replace(truth, weights=told_by_shape(learned, features))
+    found = replace(truth, weights=explained_by_shape(learned, features))
     np.testing.assert_allclose(found.weights.slopes, truth.weights.slopes, atol=0.08)
     assert found.weights.residual.std() < 0.2 * told.std()
     for betas, before in zip(people, told, strict=True):
@@ -115,7 +115,7 @@ def test_what_shapes_tell_of_known_people_is_taken_out_of_what_they_have_besides
 def test_one_person_tells_nothing_of_shapes(body, truth):
     features = shape_features(body, truth.people_betas[0], truth.nodes.vertices)[None]
     alone = replace(truth.weights, residual=np.full((1, NODES, 1), 0.2, np.float32))
-    found = told_by_shape(alone, features)
+    found = explained_by_shape(alone, features)
     assert not found.slopes.any()
     assert not found.residual.any()
     told = 0.2 + (features @ truth.weights.slopes)[0]

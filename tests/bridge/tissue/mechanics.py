@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.tissue.oscillators import STEPS, coupling
 from dsnet.onnx.onnx_graph import Graph, GraphSession, Value
-from dsnet.onnx.tissue_graph import Person, SheetGraph, Springs
+from dsnet.onnx.tissue_graph import Springs, TissueConstants, TissueGraph
 from dsnet.verify.reference.oscillators import Coefficients, Oscillators
 
 ALONE = sp.csr_matrix((1, 1), dtype=np.float32)
@@ -54,12 +54,16 @@ class GraphSheet:
         fields = vars(springs)
         coupled, rows = coupling(fields, laplacian), len(springs.normals)
 
-        def session(make: Callable[[SheetGraph, Springs, dict[str, Value]], Value]) -> GraphSession:
+        def session(
+            make: Callable[[TissueGraph, Springs, dict[str, Value]], Value],
+        ) -> GraphSession:
             graph = Graph()
             given = {n: graph.input(n, ("B", 3, rows)) for n in ("now", "before", "load")}
-            own = {n: graph.array(n, fields[n].T[None]) for n in Person.__dataclass_fields__}
-            sheet = SheetGraph(graph, fields, coupled, [1.0])
-            found = {"found": make(sheet, sheet.springs(Person(**own)), given)}
+            own = {
+                n: graph.array(n, fields[n].T[None]) for n in TissueConstants.__dataclass_fields__
+            }
+            sheet = TissueGraph(graph, fields, coupled, [1.0])
+            found = {"found": make(sheet, sheet.springs(TissueConstants(**own)), given)}
             return GraphSession(graph.model("sheet", found, {}, checked=False), threads=1)
 
         self._step = session(lambda sheet, own, given: sheet.step(own, **given))

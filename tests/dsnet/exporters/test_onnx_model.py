@@ -126,7 +126,7 @@ def test_a_run_is_exported_by_its_artifacts(plus, tmp_path, monkeypatch):
     assert metadata(out)["run"] == "r"
     theta = np.random.default_rng(1).normal(0, 0.3, (4, 2, 69)).astype(np.float32)
     graphs = onnx.load_model(out), PlusModel(plus, BODY).graph({}, "float32")
-    found, expected = (GraphSession(graph).rolled(theta, BETAS) for graph in graphs)
+    found, expected = (GraphSession(graph).rollout(theta, BETAS) for graph in graphs)
     np.testing.assert_array_equal(found, expected)
 
 

@@ -17,10 +17,10 @@ BODY = load_body_model("embedded:female")
 def posed(body: BodyModelData, theta: np.ndarray, betas: np.ndarray) -> np.ndarray:
     graph = Graph()
     given, shape = graph.input("theta", ("B", 69)), graph.input("betas", ("B", 10))
-    bones, turning = posed_bones(graph, body, given, shape)
+    bones, features = posed_bones(graph, body, given, shape)
     skin = Surface(graph, body, slice(None))
     moved = translated(graph, bones, translation(given))
-    vertices = skin.skinned(moved, skin.rest(turning, shape))
+    vertices = skin.skinned(moved, skin.rest(features, shape))
     model = graph.model("body", {"vertices": vertices}, {"vertices": ("B", body.vertex_count, 3)})
     session = onnxruntime.InferenceSession(
         model.SerializeToString(), providers=["CPUExecutionProvider"]

@@ -9,7 +9,7 @@ from bridge.body import load_body_model
 from bridge.tissue.oscillators import coupling
 from bridge.tissue.trained_plus import TrainedPlus, known_person
 from dsnet.onnx.onnx_graph import Graph, GraphSession
-from dsnet.onnx.tissue_graph import Person, SheetGraph, known_people, person_of
+from dsnet.onnx.tissue_graph import TissueConstants, TissueGraph, tissue_constants, training_people
 from dsnet.verify import draws
 from dsnet.verify.reference.oscillators import Oscillators, coefficients
 
@@ -22,8 +22,8 @@ BETAS = np.stack([np.zeros(10), MODEL.people_betas[1], np.linspace(-2, 2, 10)]).
 def found() -> dict[str, np.ndarray]:
     graph = Graph()
     betas = graph.input("betas", ("B", 10))
-    person = person_of(graph, BODY, MODEL, betas)
-    outputs = {**vars(person), "known": known_people(graph, MODEL, betas)}
+    person = tissue_constants(graph, BODY, MODEL, betas)
+    outputs = {**vars(person), "known": training_people(graph, MODEL, betas)}
     return GraphSession(graph.model("person", outputs, {}))(betas=BETAS)
 
 
@@ -51,8 +51,8 @@ def test_rest_is_the_sheets():
     shapes = {"omega": 1, "stiffening": 1, "sag": 1, "normals": 3}
     own = {name: graph.input(name, ("B", rows, "K")) for name, rows in shapes.items()}
     even = {name: np.exp(log) for name, log in MODEL.weights.base.items()}
-    made = SheetGraph(graph, even, coupling(even, MODEL.nodes.laplacian), [1.0])
-    settled = made.settled(made.springs(Person(**own)), graph.input("load", ("B", 3, "K")))
+    made = TissueGraph(graph, even, coupling(even, MODEL.nodes.laplacian), [1.0])
+    settled = made.settled(made.springs(TissueConstants(**own)), graph.input("load", ("B", 3, "K")))
     shape = {"settled": ("B", 3, "K")}
     run = GraphSession(graph.model("settled", {"settled": settled}, shape))
     batch = {

@@ -16,12 +16,12 @@ from bridge.motion import load_motion
 from bridge.runs import read_artifact
 from dsnet.cli import main
 from dsnet.exporters.clip_pictures import RenderedClip
-from dsnet.exporters.output import about_in_a_line
+from dsnet.exporters.output import facts_in_a_line
 from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.moving_body import place_motion
 from dsnet.report.panels import footer
-from dsnet.view.clip_list import Repertoire
-from dsnet.view.page import take_of
+from dsnet.view.clip_list import ClipList
+from dsnet.view.page import clip_of
 from dsnet.view.scene import Scene
 from tests.dsnet.view.pages import track_m
 from tests.forged.amass import save, smplx
@@ -142,8 +142,8 @@ def test_hands_are_no_flesh_in_pages_and_clips(tmp_path):
     alone_m = np.concatenate([part.vertices_m for part in alone])
     clip = RenderedClip([moving], fps=60.0, body_px=64)
     np.testing.assert_allclose(clip._pose_alone(2), alone_m[2], atol=1e-6)
-    take, truth = take_of(moving)
-    shown = Repertoire(trained, {trained.name: ""}, lambda name: trained, {"a": take}, truth=truth)
+    clip, truth = clip_of(moving)
+    shown = ClipList(trained, {trained.name: ""}, lambda name: trained, {"a": clip}, truth=truth)
     body_m = (
         track_m(Scene(shown).assets["track0_smpl"](), moving.body.vertex_count)
         + moving.motion.trans_m[:, None]
@@ -151,4 +151,4 @@ def test_hands_are_no_flesh_in_pages_and_clips(tmp_path):
     np.testing.assert_allclose(body_m, alone_m, atol=1e-3)
     assert trained.shows == "synthetic flesh"
     assert "licensed" in footer(trained.shows)
-    assert about_in_a_line(moving).startswith("synthetic flesh data")
+    assert facts_in_a_line(moving).startswith("synthetic flesh data")

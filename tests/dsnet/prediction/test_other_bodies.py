@@ -21,7 +21,7 @@ from dsnet.prediction.load_model import TrainedModel, find_model, load_model
 from dsnet.prediction.moving_body import MovingBody
 from dsnet.prediction.shape_space import with_betas_on
 from dsnet.stream.streams import Stream
-from dsnet.view.clip_list import open_repertoire
+from dsnet.view.clip_list import open_clip_list
 from dsnet.view.scene import Scene
 from tests.forged.amass import save, smplh
 from tests.forged.bodies import person
@@ -182,12 +182,12 @@ def test_a_gender_that_the_body_is_not_of_is_refused(plus_run, body):
     with pytest.raises(DsnetError, match=said):
         asked.load(plus_run, None, Path(SAMPLE))
     with pytest.raises(DsnetError, match=said):
-        open_repertoire(plus_run, None, asked)
+        open_clip_list(plus_run, None, asked)
 
 
 def test_a_page_has_nothing_of_a_body_of_others(body_file):
     """Places alone: neither template, shapes, weights nor the graph, which holds them all."""
-    scene = Scene(open_repertoire(None, Path(SAMPLE), Controls(body=body_file)))
+    scene = Scene(open_clip_list(None, Path(SAMPLE), Controls(body=body_file)))
     assert scene.baked
     assert not {"model", "shapes"} & set(scene.assets)
     facts = json.loads(scene.assets["scene"]())

@@ -20,9 +20,9 @@ def test_every_tick_comes_once_between_its_frames(fps):
     clock, ticks = FrameClock(fps), []
     for frame in range(1000):
         for tick in clock.ticks(frame):
-            time_s = (frame - 1 + clock.share(tick, frame)) / fps
+            time_s = (frame - 1 + clock.fraction(tick, frame)) / fps
             assert time_s == pytest.approx(tick / 60, abs=1e-5)
-            assert 0 < clock.share(tick, frame) <= 1
+            assert 0 < clock.fraction(tick, frame) <= 1
             ticks.append(tick)
     assert ticks == list(range(len(ticks)))
     assert len(ticks) == pytest.approx(999 * 60 / fps + 1, abs=1)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dsnet.prediction.controls import Controls, controlled_body
-from dsnet.view.clip_list import open_repertoire
+from dsnet.view.clip_list import open_clip_list
 from dsnet.view.page import document, serving
 from dsnet.view.scene import Scene
 from tools.headless_chromium import PATIENCE_MS, OpenPage, open_page
@@ -149,7 +149,7 @@ def track_m(track: bytes, vertices: int = 6890) -> np.ndarray:
 
 
 def packaged(motion: str | Path = "sample:dancing") -> Scene:
-    return Scene(open_repertoire(None, Path(motion)))
+    return Scene(open_clip_list(None, Path(motion)))
 
 
 def predicted_m(motion: str | Path, body: str | None = None, **controls: Any) -> np.ndarray:

@@ -18,7 +18,7 @@ from bridge.motion import load_motion
 from bridge.motion.readers.amass import sample_path
 from dsnet.cli import main
 from dsnet.prediction.controls import root_joint_m
-from dsnet.view.clip_list import open_repertoire
+from dsnet.view.clip_list import open_clip_list
 from dsnet.view.page import serving
 from dsnet.view.scene import BUNDLE, STEP_M, Scene
 from tests.dsnet.view.conftest import JUMP
@@ -50,7 +50,7 @@ def dancing(browser) -> Iterator[Shown]:
 
 @pytest.fixture(scope="module")
 def with_truth(browser, run) -> Iterator[Shown]:
-    with served(browser, Scene(open_repertoire(run, None))) as shown:
+    with served(browser, Scene(open_clip_list(run, None))) as shown:
         yield shown
         assert shown.errors == []
 
@@ -103,10 +103,10 @@ def _same_size(shown: Shown, name: str, mean_m: float) -> None:
 
 
 def test_who_is_too_large_for_a_page_comes_as_a_track(browser, run):
-    repertoire = open_repertoire(run, None)
-    plus = repertoire.open("dsnet_plus")
+    clip_list = open_clip_list(run, None)
+    plus = clip_list.open("dsnet_plus")
     twin = replace(
-        repertoire,
+        clip_list,
         predictors={"dsnet_plus": "DSNet+", "twin": "DSNet"},
         open={"dsnet_plus": plus, "twin": plus}.__getitem__,
     )
@@ -120,7 +120,7 @@ def test_who_is_too_large_for_a_page_comes_as_a_track(browser, run):
 
 
 def test_what_python_cannot_make_is_one_line(browser, run, monkeypatch):
-    scene = Scene(open_repertoire(run, None))
+    scene = Scene(open_clip_list(run, None))
 
     def broken() -> bytes:
         raise DsnetError("a damaged truth", "another", "Make it again.")
@@ -153,7 +153,7 @@ def test_a_file_opens_from_a_disk_without_a_network(browser, tmp_path):
 
 def test_gains_between_steps_and_beyond_ends_stand_until_a_hand_moves_them(browser, tmp_path):
     asked: dict[str, Any] = {"gain": 1.03, "part_gain": ("belly=8", "chest=0.02")}
-    scene = Scene(open_repertoire(None, Path("sample:dancing")), asked)
+    scene = Scene(open_clip_list(None, Path("sample:dancing")), asked)
     with on_disk(browser, tmp_path / "a.html", scene) as shown:
         shown.moves_as_predicted("sample:dancing", 60, **asked)
         assert _told(shown) == ["1.03", "8.00", "0.02"]
@@ -169,11 +169,11 @@ def _told(shown: Shown) -> list[str]:
 
 
 def test_a_baked_body_plays(browser, run, tmp_path):
-    repertoire = open_repertoire(run, None)
-    takes = {JUMP: repertoire.takes[JUMP]}
-    body = replace(repertoire.best.body, source="licensed")
-    best = replace(repertoire.best, other_body=body)
-    baked = replace(repertoire, best=best, takes=takes)
+    clip_list = open_clip_list(run, None)
+    clips = {JUMP: clip_list.clips[JUMP]}
+    body = replace(clip_list.best.body, source="licensed")
+    best = replace(clip_list.best, other_body=body)
+    baked = replace(clip_list, best=best, clips=clips)
     with on_disk(browser, tmp_path / "a.html", Scene(baked)) as shown:
         assert "Synthetic flesh" in shown.page.inner_text("#notice")
         assert "licence" in shown.page.inner_text("#notice")
@@ -266,7 +266,7 @@ def test_a_dropped_motion_plays_as_predicted(browser, tmp_path, source, gender, 
         assert said.count("betas") == bool(whose)
         assert whose in said
         shown.moves_as_predicted(tmp_path / "mine.npz", -1, 0, body="embedded:female")
-        joint_m = root_joint_m(open_repertoire(None, None).best.body, np.zeros(10))
+        joint_m = root_joint_m(open_clip_list(None, None).best.body, np.zeros(10))
         assert np.abs(joint_m).max() > 0  # else nothing would be turned about it
         assert shown.errors == []
 
@@ -341,7 +341,7 @@ def test_a_frame_that_failed_is_asked_for_again(browser):
 )
 def test_a_browser_that_cannot_is_told_so(browser, run, missing, words):
     with (
-        serving(Scene(open_repertoire(run, None)), 0) as address,
+        serving(Scene(open_clip_list(run, None)), 0) as address,
         open_page(browser, address, before=missing) as opened,
     ):
         opened.page.get_by_text(words).wait_for()

@@ -17,16 +17,16 @@ from dsnet.prediction.controls import root_joint_m
 from dsnet.prediction.loops import close_lap
 from dsnet.prediction.moving_body import MovingBody, place_motion
 from dsnet.verify.reference.smpl import unposed_vertices
-from dsnet.view.clip_list import ViewedMotion, open_repertoire
+from dsnet.view.clip_list import Clip, open_clip_list
 from dsnet.view.page import document
-from dsnet.view.scene import STEP_M, TRACK_FRAMES, Scene, rounds_around
+from dsnet.view.scene import STEP_M, TRACK_FRAMES, Scene, cycles_around
 from tests.dsnet.view.conftest import JUMP
 from tests.dsnet.view.pages import facts_of, numbers, track_m
 
 
 @pytest.fixture(scope="module")
-def repertoire(run):
-    return open_repertoire(run, None)
+def clip_list(run):
+    return open_clip_list(run, None)
 
 
 class TurnedTruth(MotionArrays):
@@ -39,46 +39,46 @@ class TurnedTruth(MotionArrays):
         return turned
 
 
-def test_a_truth_of_another_pose_stands_where_it_stood(repertoire):
-    take, sequence = repertoire.takes[JUMP], "50004_jump"
-    true = TurnedTruth(**vars(repertoire.truth))
-    found_m = track_m(Scene(replace(repertoire, truth=true)).assets["track0_truth"]())
+def test_a_truth_of_another_pose_stands_where_it_stood(clip_list):
+    clip, sequence = clip_list.clips[JUMP], "50004_jump"
+    true = TurnedTruth(**vars(clip_list.truth))
+    found_m = track_m(Scene(replace(clip_list, truth=true)).assets["track0_truth"]())
     frames = np.array([0, 33, true.sequences[sequence].length - 1])
     betas = np.tile(true.betas(sequence), (len(frames), 1))
     theta = true.frames("theta", sequence, frames)
     offsets_m = true.offsets_m(sequence, slice(None))[frames]
-    world_m = pose_vertices(repertoire.best.body, betas, *unpack_theta(theta), offsets_m)
-    pose, trans_m = unpack_theta(take.read().theta[frames])
-    rest_m = rest_vertices(repertoire.best.body, betas, pose)
-    expected_m = unposed_vertices(repertoire.best.body, world_m, betas, pose, trans_m) - rest_m
+    world_m = pose_vertices(clip_list.best.body, betas, *unpack_theta(theta), offsets_m)
+    pose, trans_m = unpack_theta(clip.read().theta[frames])
+    rest_m = rest_vertices(clip_list.best.body, betas, pose)
+    expected_m = unposed_vertices(clip_list.best.body, world_m, betas, pose, trans_m) - rest_m
     assert np.abs(expected_m).max() > 0.05
     np.testing.assert_allclose(found_m[frames], expected_m, atol=0.51 * STEP_M)
 
 
-def licensed(repertoire, **more):
+def licensed(clip_list, **more):
     """The same, of a body that may not be in a page."""
-    body = replace(repertoire.best.body, source="licensed")
-    return replace(repertoire, best=replace(repertoire.best, other_body=body), **more)
+    body = replace(clip_list.best.body, source="licensed")
+    return replace(clip_list, best=replace(clip_list.best, other_body=body), **more)
 
 
-def test_a_runs_own_synthetic_body_lives(repertoire):
+def test_a_runs_own_synthetic_body_lives(clip_list):
     """Its file is no embedded body's name, and needs no licence."""
-    best = replace(repertoire.best, body_model="runs/r/corpus/SMPL_FEMALE.npz")
-    assert "model" in Scene(replace(repertoire, best=best)).assets
+    best = replace(clip_list.best, body_model="runs/r/corpus/SMPL_FEMALE.npz")
+    assert "model" in Scene(replace(clip_list, best=best)).assets
 
 
-def test_where_the_graph_may_not_go_places_are_baked(repertoire):
-    scene = Scene(licensed(repertoire))
+def test_where_the_graph_may_not_go_places_are_baked(clip_list):
+    scene = Scene(licensed(clip_list))
     facts = facts_of(scene)
     assert facts["origin"] == "synthetic flesh"
     assert "licence" in facts["baked"]
     assert {"runtime", "model", "shapes", "loop0"}.isdisjoint(scene.assets)
     assert {"graph", "root_joint", "root_joint_shapes"}.isdisjoint(facts)
     assert (numbers(facts["bone_weight"], "<f4") == 1).all()
-    motion = repertoire.takes[JUMP].read()
-    motion = motion.frames(slice(repertoire.truth.sequences["50004_jump"].length))
+    motion = clip_list.clips[JUMP].read()
+    motion = motion.frames(slice(clip_list.truth.sequences["50004_jump"].length))
     moved_m = np.concatenate(
-        [part.vertices_m for part in MovingBody(repertoire.open("dsnet_plus"), motion)]
+        [part.vertices_m for part in MovingBody(clip_list.open("dsnet_plus"), motion)]
     )
     alone_m = track_m(scene.assets["track0_smpl"]()) + motion.theta[:, None, -3:]
     found_m = alone_m + track_m(scene.assets["track0_dsnet_plus"]())
@@ -91,7 +91,7 @@ def test_rounds_lead_to_a_lap_that_stands_where_it_stood():
     theta[:, 1], theta[:, 66], theta[:, 68] = 0.01 * turns, 0.1 * turns, 0.02 * np.sin(turns)
     lap = close_lap(theta, np.array([0.0, 0.9, 0.1]))
     assert abs(lap.turn_rad) > 0.01
-    rounds, count = rounds_around(lap, 2, 8), len(lap.theta)
+    rounds, count = cycles_around(lap, 2, 8), len(lap.theta)
     np.testing.assert_allclose(rounds[2 * count :], lap.repeated(2)[: count + 8], atol=1e-12)
     heading = np.unwrap(rounds[:, 1])
     turned_rad = heading[count : 2 * count] - heading[:count]
@@ -102,10 +102,10 @@ def test_rounds_lead_to_a_lap_that_stands_where_it_stood():
 
 
 @pytest.mark.parametrize("trans_of", ["z", "y", "joint"])
-def test_the_root_of_another_shape_stands_where_predict_has_it(repertoire, trans_of):
-    body, motion = repertoire.best.body, repertoire.takes[JUMP].read()
+def test_the_root_of_another_shape_stands_where_predict_has_it(clip_list, trans_of):
+    body, motion = clip_list.best.body, clip_list.clips[JUMP].read()
     motion = replace(motion, trans_of=trans_of)
-    scene = Scene(replace(repertoire, takes={"a": ViewedMotion(lambda: motion)}))
+    scene = Scene(replace(clip_list, clips={"a": Clip(lambda: motion)}))
     by_joint = np.array(json.loads(scene.assets["motion0"]())["by_joint"])
     shapes = np.eye(10)[:2] * [[3.0], [-2.0]]
     one, other = (root_joint_m(body, betas) for betas in shapes)
@@ -115,23 +115,23 @@ def test_the_root_of_another_shape_stands_where_predict_has_it(repertoire, trans
 
 
 def test_what_cannot_be_looped_is_a_line():
-    scene = Scene(open_repertoire(None, Path("sample:dancing")))
+    scene = Scene(open_clip_list(None, Path("sample:dancing")))
     assert "jerks" in json.loads(scene.assets["loop0"]())["failed"]
 
 
-def test_long_motions_with_tracks_are_cut_and_say_so(repertoire):
-    motion = repertoire.takes[JUMP].read()
+def test_long_motions_with_tracks_are_cut_and_say_so(clip_list):
+    motion = clip_list.clips[JUMP].read()
     long = replace(motion, theta=np.tile(motion.theta, (20, 1)))
-    take = replace(repertoire.takes[JUMP], read=lambda: long, sequence="")
-    scene = Scene(licensed(repertoire, takes={"long": take}))
+    clip = replace(clip_list.clips[JUMP], read=lambda: long, sequence="")
+    scene = Scene(licensed(clip_list, clips={"long": clip}))
     given = json.loads(scene.assets["motion0"]())
     assert given["count"] == TRACK_FRAMES
     assert numbers(given["theta"], "<f8").size == 69 * TRACK_FRAMES
     assert "left out" in given["says"][-1]
 
 
-def test_a_file_asks_for_nothing_and_cannot_break_out_of_its_line(repertoire):
-    page = document(Scene(repertoire), '"><script>alert(1)</script>')
+def test_a_file_asks_for_nothing_and_cannot_break_out_of_its_line(clip_list):
+    page = document(Scene(clip_list), '"><script>alert(1)</script>')
     assert "connect-src 'none'" in page
     assert "<script>alert" not in page
     assert "@CONNECT@" not in page.partition("<style>")[0]

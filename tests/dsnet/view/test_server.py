@@ -14,14 +14,14 @@ from collections.abc import Iterator
 import pytest
 
 from bridge.errors import DsnetError
-from dsnet.view.clip_list import open_repertoire
+from dsnet.view.clip_list import open_clip_list
 from dsnet.view.page import HOST, serving
 from dsnet.view.scene import Scene
 
 
 @pytest.fixture(scope="module")
 def scene(run) -> Scene:
-    return Scene(open_repertoire(run, None))
+    return Scene(open_clip_list(run, None))
 
 
 @pytest.fixture(scope="module")

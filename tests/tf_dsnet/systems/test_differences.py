@@ -72,7 +72,7 @@ def test_later_stages_take_it_by_name(folder):
 
 
 def test_streams_and_motions_refuse_it_in_one_line(trained):
-    with pytest.raises(DsnetError, match=r"differences', which is told 148 numbers") as refused:
+    with pytest.raises(DsnetError, match=r"differences', whose input has 148 numbers") as refused:
         StreamingPredictor("tiny")
     assert "\n" not in str(refused.value)
 
