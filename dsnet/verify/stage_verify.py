@@ -41,7 +41,7 @@ class VerifyConfig:
     seed: Seed = 0
     """Seed of the random weights and inputs."""
     trained: bool = True
-    """Compare the run's trained weights; without them no run needs to be there."""
+    """Compare the run's trained weights too; without them no run is needed."""
     full_size: Fixed[bool] = True
     """Compare the autoencoder of random weights at its 33,626,606 parameters."""
 
