@@ -47,6 +47,14 @@ GROUPS = {
 """Commands as `dsnet --help` lists them."""
 SHELLS = ("bash", "zsh", "fish")
 """Shells for which there is a completion script."""
+_END_FOR_BASH = """
+_dsnet() {
+  _tyro_dsnet
+  [[ ${COMPREPLY[0]} ]] || COMPREPLY=()
+  [[ ! -e ${COMPREPLY[0]} ]] || compopt -o filenames
+}
+complete -F _dsnet dsnet"""
+"""The parser's script alone ends what it does not know, and the names of folders, with a space."""
 _NARROWEST = 40
 """Columns of a terminal, below which the parser breaks lines for ever."""
 
@@ -134,8 +142,8 @@ def _print_completion(shell: str) -> None:
             args=["--tyro-print-completion", shell],
             config=(tyro.conf.SuppressFixed,),
         )
-    if shell == "bash":  # the script's own ends a folder's name with a space
-        print("complete -o filenames -F _tyro_dsnet dsnet")  # noqa: T201
+    if shell == "bash":
+        print(_END_FOR_BASH)  # noqa: T201
 
 
 def _with(config: Any, settings: Mapping[str, Any]) -> Any:

@@ -17,14 +17,15 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from bridge.errors import DsnetError
 from bridge.options import Seed
 
-PROFILES = ("smoke", "demo", "paper")
+Profile = Literal["smoke", "demo", "paper"]
+PROFILES: tuple[Profile, ...] = get_args(Profile)
 
 
 @dataclass(frozen=True)
 class CommonOptions:
     """What every command has besides the fields of its configuration."""
 
-    profile: Literal["smoke", "demo", "paper"] = "demo"
+    profile: Profile = "demo"
     """What the other options default to, --run too: `smoke` is for a try, `demo` takes minutes,
     `paper` hours."""
     engine: Literal["local", "ray"] = "local"
@@ -77,7 +78,7 @@ def refuse_words_without_name(command: str, options: Sequence[str]) -> None:
     )
 
 
-def options_type(default: Any, command: str, profile: str) -> type:
+def options_type(default: Any, command: str, profile: Profile) -> type:
     """A dataclass for the parser: a configuration's fields in the order of use, then the common
     options. None stands for a configuration that cannot be loaded.
 
