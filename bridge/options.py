@@ -80,12 +80,6 @@ def numbers_by_name(
     return numbers
 
 
-def check_seed(text: str) -> None:
-    """Check the seed that was given to a command in which nothing is random."""
-    if not (text.isdecimal() and _SEEDS.hold(int(text))):
-        raise DsnetError(f"--seed {text}", str(_SEEDS), "Pass --seed N.")
-
-
 def _numbers(config: Any, prefix: str) -> Iterator[tuple[str, Bounds, float]]:
     """Flag, bounds and value of every number in a configuration."""
     hints = get_type_hints(type(config), include_extras=True)

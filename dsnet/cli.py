@@ -6,19 +6,19 @@ names and modules only, and imports a framework only when its stage is asked for
 
 from __future__ import annotations
 
-import importlib
 import os
 import shutil
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from inspect import cleandoc
+from contextlib import suppress
+from dataclasses import fields, replace
+from importlib import import_module
 from typing import Any
 
 from bridge import __version__
 from bridge.errors import unknown_name
 from bridge.processes import exit_with_one_line
-from dsnet.command_line import flowed, options_type, refuse_words_without_name
+from dsnet.command_line import PROFILES, flowed, options_type, refuse_words_without_name
 
 COMMANDS = {
     "corpus": ("dsnet.synthetic.stage_corpus", "Make a synthetic corpus in real formats."),
@@ -30,13 +30,31 @@ COMMANDS = {
     "decode": ("torch_align_ae.autoencoder.stage_decode", "Decode latents to offsets."),
     "evaluate": ("dsnet.stages.stage_evaluate", "Measure errors against meshes and references."),
     "report": ("dsnet.report.stage_report", "Draw the figures and write the report."),
-    "predict": ("dsnet.prediction.stage_predict", "Write the moving body of one motion to files."),
+    "predict": ("dsnet.prediction.stage_predict", "Write the moving body of a motion as arrays."),
     "export": ("dsnet.exporters.stage_export", "Write a body for Blender, Maya, Houdini, Unreal."),
-    "view": ("dsnet.view.stage_view", "Look at predictions in a browser, as they move."),
+    "view": ("dsnet.view.stage_view", "Show predictions in a browser, as they move."),
     "verify": ("dsnet.verify.stage_verify", "Compare NumPy, PyTorch, Keras, ONNX by layer."),
     "check": ("dsnet.stages.stage_check", "Compare a run's files and chain with its digests."),
 }
-PROFILES = ("smoke", "demo", "paper")
+GROUPS = {
+    "Move bodies": ("predict", "export", "view"),
+    "Train and evaluate, in the order of ./reproduce.sh": (
+        *("corpus", "align", "train-ae", "encode", "train", "infer", "decode"),
+        *("evaluate", "report"),
+    ),
+    "Check": ("verify", "check"),
+}
+"""Commands as `dsnet --help` lists them."""
+SHELLS = ("bash", "zsh", "fish")
+"""Shells for which there is a completion script."""
+_END_FOR_BASH = """
+_dsnet() {
+  _tyro_dsnet
+  [[ ${COMPREPLY[0]} ]] || COMPREPLY=()
+  [[ ! -e ${COMPREPLY[0]} ]] || compopt -o filenames
+}
+complete -F _dsnet dsnet"""
+"""The parser's script alone ends what it does not know, and the names of folders, with a space."""
 _NARROWEST = 40
 """Columns of a terminal, below which the parser breaks lines for ever."""
 
@@ -47,13 +65,17 @@ def main(arguments: Sequence[str] | None = None, **settings: Any) -> None:
     A study may give `settings`: fields of the configuration, by name, that are no options.
     """
     with exit_with_one_line():
-        given = sys.argv[1:] if arguments is None else arguments
-        if not given or given[0] in ("-h", "--help"):
-            print(_overview())  # noqa: T201
-        elif [*given] == ["--version"]:
-            print(f"dsnet {__version__}")  # noqa: T201
-        else:
-            _run(given[0], [*given[1:]], settings)
+        match [*(sys.argv[1:] if arguments is None else arguments)]:
+            case [] | ["help"] | ["-h" | "--help", *_]:
+                print(_overview())  # noqa: T201
+            case ["-V" | "--version" | "version"]:
+                print(f"dsnet {__version__}")  # noqa: T201
+            case ["--completion", *shell]:
+                _print_completion(" ".join(shell))
+            case ["help", command, *_]:
+                _run(command, ["--help"], settings)
+            case [command, *options]:
+                _run(command, options, settings)
 
 
 def _run(command: str, options: list[str], settings: Mapping[str, Any]) -> None:
@@ -62,41 +84,66 @@ def _run(command: str, options: list[str], settings: Mapping[str, Any]) -> None:
     refuse_words_without_name(command, options)
     # It chooses the defaults that --help shows.
     profile = _take(options, "--profile")
-    if profile not in (None, *PROFILES):
+    profile = "demo" if profile is None else profile
+    if profile not in PROFILES:
         raise unknown_name(f"profile {profile!r}", profile, PROFILES, "Pass --profile demo.")
-    engine, address = _take(options, "--engine"), _take(options, "--address")
     # Late, so that whoever interrupts while these load reads one line.
     import tyro
 
-    from bridge.options import check_options, check_seed
+    from bridge.options import check_options
     from bridge.runs.workers import use_engine
 
-    module = importlib.import_module(COMMANDS[command][0])
-    default = _with(module.PROFILES[profile or "demo"], settings)
-    if getattr(default, "run", None):  # some need no run
-        default = replace(default, run=profile or "demo")
-    common = "--profile P, --engine E, --address A"
-    if not hasattr(default, "seed"):
-        # ./reproduce.sh hands one seed to every command.
-        common += ", --seed N"
-        if (seed := _take(options, "--seed")) is not None:
-            check_seed(seed)
+    module = import_module(COMMANDS[command][0])
+    default = _with(_default(command, profile), settings)
     columns = shutil.get_terminal_size().columns
     if columns < _NARROWEST:
         os.environ["COLUMNS"] = str(columns := _NARROWEST)
-    about = f"{cleandoc(type(default).__doc__ or '')}\n\nAlso {common}."
+    if {"-h", "--help"} & {*options}:  # the parser would not break its lines
+        print(flowed(type(default).__doc__ or "", columns), end="\n\n")  # noqa: T201
     # What only studies set is `Fixed`: no option.
     parsed = tyro.cli(
-        options_type(default, command),
+        options_type(default, command, profile),
         args=options,
         prog=f"dsnet {command}",
-        description=flowed(about, columns),
+        description="",
         config=(tyro.conf.SuppressFixed,),
     )
-    config = replace(default, **vars(parsed))
-    check_options(config)
-    with use_engine("local" if engine is None else engine, address):
+    check_options(parsed)
+    config = replace(default, **{one.name: getattr(parsed, one.name) for one in fields(default)})
+    with use_engine(parsed.engine, parsed.address):
         module.main(config)
+
+
+def _default(command: str, profile: str) -> Any:
+    """A command's configuration where no option is given; MissingPackageError where it needs more
+    than is installed."""
+    default = import_module(COMMANDS[command][0]).PROFILES[profile]
+    # Some commands need no run.
+    return replace(default, run=profile) if getattr(default, "run", None) else default
+
+
+def _print_completion(shell: str) -> None:
+    """Print the script by which a shell completes commands and options."""
+    if shell not in SHELLS:
+        raise unknown_name(f"--completion {shell}", shell, SHELLS, "Pass --completion bash.")
+    import tyro
+
+    kinds = {}
+    for command in COMMANDS:
+        try:
+            default = _default(command, "demo")
+        except ModuleNotFoundError:  # its framework is not installed
+            default = None
+        kinds[command] = options_type(default, command, "demo")
+    with suppress(SystemExit):
+        tyro.extras.subcommand_cli_from_dict(
+            kinds,
+            prog="dsnet",
+            args=["--tyro-print-completion", shell],
+            config=(tyro.conf.SuppressFixed,),
+        )
+    if shell == "bash":
+        print(_END_FOR_BASH)  # noqa: T201
 
 
 def _with(config: Any, settings: Mapping[str, Any]) -> Any:
@@ -109,24 +156,27 @@ def _with(config: Any, settings: Mapping[str, Any]) -> Any:
 
 
 def _take(options: list[str], flag: str) -> str | None:
-    """Remove `flag VALUE` or `flag=VALUE` from `options`; None if it is not there."""
-    for index, option in enumerate(options):
-        name, equals, value = option.partition("=")
+    """Remove `flag VALUE` and `flag=VALUE` from `options`: the last value, None without one."""
+    taken = None
+    for index in reversed(range(len(options))):
+        name, equals, value = options[index].partition("=")
         if name == flag:
             value = value if equals else "".join(options[index + 1 : index + 2])
             del options[index : index + (1 if equals else 2)]
-            return value
-    return None
+            taken = value if taken is None else taken
+    return taken
 
 
 def _overview() -> str:
-    rows = "\n".join(f"  {name:<14}{summary}" for name, (_, summary) in COMMANDS.items())
-    return (
-        "usage: dsnet COMMAND [--profile smoke|demo|paper] [--run NAME] [--seed N] ...\n"
-        "       dsnet --version\n\n"
-        f"{rows}\n\nEvery command has its own --help; ./reproduce.sh runs the stages, corpus to "
-        "report, in this order."
-    )
+    lines = [
+        "usage: dsnet COMMAND [OPTIONS]",
+        "       dsnet help COMMAND",
+        f"       dsnet --completion {'|'.join(SHELLS)}",
+        "       dsnet --version",
+    ]
+    for title, commands in GROUPS.items():
+        lines += ["", f"{title}:", *(f"  {one:<11}{COMMANDS[one][1]}" for one in commands)]
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

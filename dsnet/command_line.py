@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import shlex
 from collections.abc import Sequence
-from dataclasses import field, fields, is_dataclass, make_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
 from functools import partial
 from inspect import cleandoc, getsource
 from itertools import pairwise
@@ -15,6 +15,26 @@ from types import NoneType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from bridge.errors import DsnetError
+from bridge.options import Seed
+
+Profile = Literal["smoke", "demo", "paper"]
+PROFILES: tuple[Profile, ...] = get_args(Profile)
+
+
+@dataclass(frozen=True)
+class CommonOptions:
+    """What every command has besides the fields of its configuration."""
+
+    profile: Profile = "demo"
+    """What the other options default to, --run too: `smoke` is for a try, `demo` takes minutes,
+    `paper` hours."""
+    engine: Literal["local", "ray"] = "local"
+    """Where work in parallel runs: on this machine, or on the nodes of a Ray cluster."""
+    address: str | None = None
+    """Head of that cluster; without it, Ray is started on this machine."""
+    seed: Seed = 0
+    """No effect: this command draws no random numbers."""
+
 
 _NAMED = {
     "predict": ("--motion", "--out"),
@@ -26,7 +46,14 @@ _NAMED = {
 _REQUIRED = {"predict": ("motion", "out"), "export": ("to", "motion", "out")}
 _FIRST = ("to", "motion", "motions", "out", "run", "predictor", "predictors", "write")
 """What stands first in a help, in this order."""
-_INDENTED: Any = {"subsequent_indent": "  "}
+_METAVARS = {
+    "address": "HOST:PORT",
+    "betas": "B1,B2,...",
+    "part_gain": "PART=GAIN ...",
+    "shape": "NAME|MEASURE=VALUE ...",
+    "to": "FORMAT",
+}
+"""What stands for a value in a help, where its type says too little."""
 
 
 def refuse_words_without_name(command: str, options: Sequence[str]) -> None:
@@ -51,38 +78,49 @@ def refuse_words_without_name(command: str, options: Sequence[str]) -> None:
     )
 
 
-def options_type(default: Any, command: str) -> type:
-    """A dataclass of a configuration's fields for the parser: in the order of use, flowing helps.
+def options_type(default: Any, command: str, profile: Profile) -> type:
+    """A dataclass for the parser: a configuration's fields in the order of use, then the common
+    options. None stands for a configuration that cannot be loaded.
 
     The parser alone would end a help's lines where the source does, and show `None` as a value.
     """
+    common = _shown(CommonOptions(profile=profile), ())
+    if hasattr(default, "seed"):
+        del common["seed"]
+    if command in _NAMED:  # whose defaults are those of no run
+        del common["profile"]
+    own = {} if default is None else _shown(default, _REQUIRED.get(command, ()))
+    shown = [(name, *rest) for name, rest in {**own, **common}.items()]
+    return make_dataclass(command.replace("-", "_"), shown, kw_only=True)
+
+
+def flowed(text: str, width: int) -> str:
+    """Paragraphs of a docstring as lines of at most `width` characters."""
+    return "\n\n".join(
+        fill(" ".join(one.split()), width, break_on_hyphens=False)
+        for one in cleandoc(text).split("\n\n")
+    )
+
+
+def _shown(default: Any, required: Sequence[str]) -> dict[str, tuple[Any, Any]]:
+    """The fields of a configuration, by name: how the parser reads and explains each, its value."""
     # Late, as is the parser in the command: whoever interrupts while it loads reads one line.
     from tyro.conf import arg
 
     kind = type(default)
     hints, helps = get_type_hints(kind, include_extras=True), _helps(kind)
-    required = _REQUIRED.get(command, ())
-    shown = []
-    for one in sorted(fields(kind), key=lambda one: _place(one.name)):
+    shown = {}
+    for one in sorted(fields(default), key=lambda one: _place(one.name)):
         hint, value = hints[one.name], getattr(default, one.name)
         if not is_dataclass(value):
             about: dict[str, Any] = {"help": helps.get(one.name, "")}
-            if value is None:
-                about["metavar"] = _metavar(hint)
+            if not isinstance(value, bool):
+                about["metavar"] = _METAVARS.get(one.name) or _metavar(hint)
             if value is None or value == ():
                 about["help_behavior_hint"] = "(required)" if one.name in required else ""
             hint = Annotated[hint, arg(**about)]
-        shown.append((one.name, hint, field(default_factory=partial(_same, value))))
-    return make_dataclass(kind.__name__, shown, kw_only=True)
-
-
-def flowed(text: str, width: int) -> str:
-    """Paragraphs of a docstring as lines of at most `width` characters.
-
-    All but the first are indented, as the parser joins lines that begin with a letter.
-    """
-    paragraphs = cleandoc(text).split("\n\n")
-    return "\n\n".join(fill(" ".join(one.split()), width - 1, **_INDENTED) for one in paragraphs)
+        shown[one.name] = hint, field(default_factory=partial(_same, value))
+    return shown
 
 
 def _same(value: Any) -> Any:
@@ -111,11 +149,13 @@ def _helps(kind: type) -> dict[str, str]:
 
 
 def _metavar(hint: Any) -> str:
-    """What an option's value may be, without None: `PATH`, `FLOAT|{auto}`."""
+    """What an option's value may be, without None: `PATH`, `FLOAT|{auto}`, `NAME ...`."""
     if get_origin(hint) is Annotated:
         return _metavar(hint.__origin__)
     if get_origin(hint) is Literal:
         return f"{{{','.join(map(str, get_args(hint)))}}}"
+    if get_origin(hint) is tuple:
+        return f"{_metavar(get_args(hint)[0])} ..."
     if get_args(hint):
         return "|".join(_metavar(one) for one in get_args(hint) if one is not NoneType)
-    return hint.__name__.upper()
+    return "NAME" if hint is str else hint.__name__.upper()

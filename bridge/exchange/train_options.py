@@ -16,7 +16,7 @@ class PredictorSettings:
     """What a user may set about how predictors are trained."""
 
     epochs: PositiveInt = 500
-    """Epochs of each predictor (the paper does not say how many)."""
+    """Epochs of each network (the paper states no number)."""
     seed: Seed = 0
     """Seed of the initial weights and of the order of the clips."""
     frames: Fixed[PositiveInt] = 300
@@ -38,11 +38,11 @@ class NetworksRecord(PredictorSettings):
     """What decides whether an artifact of the networks is current."""
 
     predictors: tuple[str, ...] = ()
-    """Which predictors to train; all of the product that the run can when left out, with one line
-    about those that it cannot. `dsnet_faithful`: raw inputs and latents. `dsnet_standardised`: both
-    scaled, a departure from the silent paper. `dsnet_plus`: oscillators on the skin, of the robust
-    aligner's offsets. Others are those of the modules that DSNET_PLUGINS names. Networks that the
-    run has trained on the same latents stay beside them; the first one is what `report` shows."""
+    """Predictors to train; by default all that the run has data for. `dsnet_faithful`: raw inputs
+    and latents. `dsnet_standardised`: both standardised, of which the paper says nothing.
+    `dsnet_plus`: oscillators on the skin, trained on offsets of the robust aligner. Others come
+    from the modules that DSNET_PLUGINS names. Networks that the run has trained on the same latents
+    are kept beside them; `report` shows the first one."""
     validate_every: Fixed[PositiveInt] = 10
     """Epochs between two validation losses."""
     checkpoint_every: Fixed[PositiveInt] = 100

@@ -17,23 +17,24 @@ from dsnet.prediction.moving_body import MovingBody
 
 @dataclass(frozen=True, kw_only=True)
 class ExportConfig(Controls):
-    """Write a body that performs a motion as a file for another tool: 60 fps, metres, y up."""
+    """Write a moving body as a file for another tool: 60 fps, metres, y up."""
 
     to: str | None = None
     """Format: usd, pc2, mdd, obj, ply, glb, abc, bvh, npz, npz55, smpl, gif, mp4 or html of a
     motion; or onnx, the predictor with its body as one graph. docs/export.md says how to open
     each."""
     motion: Path | None = None
-    """An AMASS `.npz`, a BVH, or `sample:walking`; not for onnx."""
+    """Motion file: AMASS `.npz`, BVH and others (docs/motion_files.md), or `sample:walking`; for
+    all formats but onnx."""
     run: str | None = None
-    """Run whose predictor moves the skin, or a folder that `save` wrote; when left out, the small
-    model that comes with the package, of the motion's gender."""
+    """Run whose predictor moves the skin, or a folder that `model.save` wrote; by default the small
+    packaged model of the motion's gender."""
     predictor: tuple[str, ...] = ()
-    """Predictors of the run; its best when left out. Only gif, mp4 and html take several."""
+    """Predictors of the run; by default its best. Formats gif, mp4 and html show several."""
     precision: Literal["float32", "float16", "int8"] = "float32"
-    """Of the large kernels of an onnx graph; the error of fewer bits is written into the file."""
+    """Precision of the large weights of an onnx graph; the file states the error of fewer bits."""
     out: Path | None = None
-    """File to write, or for pc2, mdd, obj and ply a folder; it must not exist."""
+    """File to write, or a folder for pc2, mdd, obj and ply; it must not exist."""
 
 
 PROFILES = dict.fromkeys(("smoke", "demo", "paper"), ExportConfig())

@@ -43,20 +43,21 @@ class Controls(MotionOptions):
     """How a body moves; what is left at its default changes nothing."""
 
     gain: Annotated[float, GAINS] = 1.0
-    """Multiplies the skin's dynamics: 0 is SMPL alone, 1 what was predicted."""
+    """Multiplies the soft-tissue dynamics: 0 is SMPL alone, 1 the prediction, 20 the most."""
     part_gain: tuple[str, ...] = ()
-    """The same for parts of the body, on top of --gain, as in `belly=2 chest=0.5`: head, chest,
-    belly, back, buttocks, upper_arms, forearms, hands, thighs, calves, feet; torso, arms, legs."""
+    """Gains of body parts, multiplied by --gain: `belly=2 chest=0.5`. Parts are head, chest, belly,
+    back, buttocks, upper_arms, forearms, hands, thighs, calves, feet; groups are torso, arms, legs.
+    """
     floor: Floor = "keep"
-    """`shift` moves the whole motion up or down until the feet stand on the floor; `scale` also
-    fits its strides to the body's legs; `keep` leaves heights as the file has them."""
+    """`keep`: heights as in the file; `shift`: the whole motion is moved up or down until the feet
+    stand on the floor; `scale`: strides are also scaled to the length of the body's legs."""
     loop: bool = False
-    """The motion repeats: the skin's last frame leads into its first."""
+    """Loop the motion: body and skin of the last frame lead into the first."""
     shape: tuple[str, ...] = ()
-    """Body shape in place of the motion file's, by name: tall, short, heavy, slim, pear, apple;
-    by measurement, in cm and kg: height=182 weight=80 chest=100 waist=90 hips=105; or both."""
+    """Body shape in place of the motion file's: names (tall, short, heavy, slim, pear, apple),
+    measurements in cm and kg (height=182 weight=80 chest=100 waist=90 hips=105), or both."""
     betas: str | None = None
-    """Body shape in place of the motion file's: ten comma-separated coefficients."""
+    """Body shape in place of the motion file's: ten shape coefficients, separated by commas."""
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Controls:

@@ -15,19 +15,20 @@ class MotionOptions:
     """A body and a motion file; what is left at its default is as the file says."""
 
     body: Path | None = None
-    """Another body than the predictor was trained on, or DSNET_BODY for always: an SMPL, SMPL-H or
-    SMPL-X model file, a folder of them, or `embedded:male`; for `dsnet_plus`."""
+    """Body model in place of the predictor's own, which only `dsnet_plus` can move: an SMPL, SMPL-H
+    or SMPL-X file, a folder of them, or `embedded:male`. DSNET_BODY sets it for every command."""
     gender: Literal["female", "male", "neutral"] | None = None
-    """Of the body, where the motion file says none or another."""
+    """Gender of the body, where the motion file has none or a wrong one."""
     pose: Literal["file", "bony"] = "file"
-    """`bony`: the chest follows the file's markers on bone; a pose that was fitted to all of them,
-    as AMASS's, holds part of the bounce, which predicted flesh would then count twice."""
+    """`file`: the pose of the file; `bony`: the chest follows the file's markers on bone alone. A
+    pose that was fitted to all markers, as AMASS's, already contains part of the soft tissue's
+    motion, which the prediction would add again."""
     motion_fps: PositiveFloat | None = None
-    """Frames per second of the motion file, where it says none or a wrong one."""
+    """Frame rate of the motion file in frames per second, where it has none or a wrong one."""
     up: Up = "auto"
-    """Vertical axis of the motion file; `auto`: the one along which its bodies stand."""
+    """Vertical axis of the motion file; `auto`: the axis along which its bodies stand."""
     joint_map: Path | None = None
-    """Text file that says which joint of a BVH is which, `left_hip = Bip01 L Thigh` a line."""
+    """Text file that maps the joints of a BVH, one a line: `left_hip = Bip01 L Thigh`."""
     smooth_hz: PositiveFloat | Literal["auto"] | None = None
-    """Leave out what is faster in the motion: the noise of a recording shakes the skin. `auto`
-    finds the cutoff that suits each moment."""
+    """Cutoff in Hz of a low-pass filter on the motion, as noise of a recording shakes the skin.
+    `auto` finds the cutoff that suits each moment."""

@@ -26,8 +26,8 @@ GIRTHS = {
     "hips": ("left_hip", "left_knee", 0.12),
 }
 """Height of each girth's plane: from one joint to another, and what part of the way."""
-MEASURES = ("height", "weight", *GIRTHS)
-"""From soles to crown, cm; of the volume at `DENSITY_KG_M3`, kg; and girths, cm."""
+MEASURES = {"height": "cm", "weight": "kg", **dict.fromkeys(GIRTHS, "cm")}
+"""Units: from soles to crown; of the volume at `DENSITY_KG_M3`; and of girths."""
 _TRUNK = (
     "pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar", "left_hip", "right_hip",
 )  # fmt: skip
@@ -47,6 +47,10 @@ FARTHEST_BETA = 3.0
 CLOSE_ENOUGH = 0.5
 """In cm and kg: what may be missed."""
 _CM_OR_KG = Bounds(0, 1000, ends_open=True)
+_LEAST = 10.0
+"""No body measures less, in cm or kg."""
+_LARGEST_M = 3.0
+"""No body measures more, in metres."""
 _PRIOR = 0.1
 """Of a beta of 1, in such misses: it chooses among shapes that measure the same, unmeasurably."""
 
@@ -114,7 +118,15 @@ def parse_shape(words: Sequence[str]) -> tuple[list[Mapping[str, float]], dict[s
         raise DsnetError(f"shape {unknown[0]!r}", shapes, remedy)
     measured = [word for word in words if "=" in word]
     remedy = "Write height=182, in cm; weight=80, in kg."
-    stated = numbers_by_name("measurement", measured, MEASURES, _CM_OR_KG, remedy)
+    stated = numbers_by_name("measurement", measured, [*MEASURES], _CM_OR_KG, remedy)
+    for name, value in stated.items():
+        if value < _LEAST:
+            in_metres = MEASURES[name] == "cm" and value <= _LARGEST_M
+            raise DsnetError(
+                f"measurement {name}={value:g}",
+                f"{name} in {MEASURES[name]}, {_LEAST:g} or more",
+                f"Did you mean {name}={100 * value:g}?" if in_metres else remedy,
+            )
     return [factors for name, factors in SHAPES.items() if name in named], stated
 
 
@@ -153,4 +165,4 @@ def betas_that_measure(
 
 
 def _listed(measures: Mapping[str, float]) -> str:
-    return " ".join(f"{name}={value:.1f}" for name, value in measures.items())
+    return ", ".join(f"{name}={value:.1f} {MEASURES[name]}" for name, value in measures.items())

@@ -17,22 +17,26 @@ from dsnet.prediction.prediction_files import OF_MANY, OF_ONE, WRITABLE, predict
 
 @dataclass(frozen=True)
 class PredictConfig(Controls):
-    """Predict how the skin of a body moves in one motion, or in all of a folder, and write it."""
+    """Predict how the skin of a body moves in a motion, or in all motions of a folder.
+
+    Writes NumPy arrays at 60 fps, in metres, y up: offsets (frames, vertices, 3) in the rest pose,
+    posed vertices of the same shape, and a picture.
+    """
 
     run: str | None = None
-    """Run whose predictor moves the skin, or a folder that `save` wrote; the small model that comes
-    with the package when left out, of the motion's gender."""
+    """Run whose predictor moves the skin, or a folder that `model.save` wrote; by default the small
+    packaged model of the motion's gender."""
     predictor: str | None = None
-    """Which of the run's; its best when left out: `dsnet_plus` if the run has it."""
+    """Predictor of the run; by default its best, `dsnet_plus` if the run has it."""
     motion: Path | None = None
-    """One motion: AMASS `.npz`, BVH and others (docs/motion_files.md), or `sample:walking`. Or a
-    folder: every motion below it, which is not yet done (docs/motion_files.md)."""
+    """Motion file: AMASS `.npz`, BVH and others (docs/motion_files.md), or `sample:walking`. Or a
+    folder: every motion below it that is not predicted yet."""
     out: Path | None = None
-    """Folder to write: a new or empty one, or that of an earlier prediction. For a folder of
-    motions, the one whose tree will be the same."""
+    """Folder to write: new, empty, or that of an earlier prediction. A folder of motions is written
+    with the same subfolders."""
     write: tuple[str, ...] = ()
-    """Of offsets, vertices, latents and strip (a picture), or offsets16, half as large: by default
-    all of one motion, of a folder's the offsets."""
+    """What to write, of offsets, vertices, latents and strip (a picture), or offsets16 (float16)
+    for offsets; by default all for one motion, and offsets for a folder."""
 
 
 PROFILES = {name: PredictConfig() for name in ("smoke", "demo", "paper")}

@@ -31,24 +31,24 @@ _OF_FILE, _BONY = "pose of the file", "pose whose chest follows markers on bone"
 
 @dataclass(frozen=True)
 class EvaluateConfig:
-    """Measure every prediction of both pipelines: about 5 ms a frame, 1 GB.
+    """Measure the errors of all predictions of a run: about 5 ms a frame, 1 GB of memory.
 
-    Gives errors of the posed meshes against the registered ones, which a licensed user has too, and
-    for synthetic data against the true meshes of what was not aligned; R2, velocity and spectrum
-    of the offsets, by test group. With --markers it measures instead how a predictor moves
-    skin where somebody's markers were: on the pose of the file and, as such poses hold part of the
-    bounce, on one whose chest follows markers on bone.
+    Compares posed meshes with the registered ones and, for synthetic data, with the true meshes of
+    sequences that were not aligned; offsets by R2, velocity and spectrum, for each test group. With
+    --markers it compares a predictor with real skin markers instead: on the pose of the file and,
+    as such poses contain part of the bounce, on one whose chest follows markers on bone.
     """
 
     run: str | None = None
-    """Run to evaluate; with --markers whose predictor moves the skin: left out, the packaged."""
+    """Run to evaluate; with --markers the run whose predictor moves the skin, by default the
+    packaged model."""
     markers: Path | None = None
     """Motion with real skin markers: an AMASS `.npz` that has them, a MoSh++ `*_stageii.pkl`, or a
-    `.c3d` beside a pose of the same name."""
+    `.c3d` beside a pose file of the same name."""
     motion_fps: PositiveFloat | None = None
-    """Frames per second of the motion, where what its file says is wrong."""
+    """Frame rate of the motion in frames per second, where its file has a wrong one."""
     out: Path | None = None
-    """Folder to write to with --markers: a table, a figure, the numbers."""
+    """Folder to write with --markers: a table, a figure, the numbers."""
     profile: Fixed[str] = "demo"
     """Name of the run that is evaluated when no other is named."""
 

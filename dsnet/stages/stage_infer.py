@@ -48,7 +48,7 @@ class InferConfig:
     """
 
     run: str = "demo"
-    """Name of the run whose predictors predict."""
+    """Run whose predictors predict."""
     amass: Path | None = None
     """Folder of AMASS files or BVHs in place of the corpus's MoSh-like motions: docs/data.md."""
     amass_fps: PositiveFloat | None = None

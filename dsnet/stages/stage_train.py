@@ -25,20 +25,20 @@ from dsnet.stages.frameworks import of_framework
 class TrainConfig(NetworksRecord):
     """Train predictors on the training sequences.
 
-    Costs some 60 ms an epoch of both networks for 40 sequences of 300 frames on two cores, 1 GB,
-    and two minutes for `dsnet_plus`. Gives weights and losses: `train` those of the networks,
-    `train_plus` those of `dsnet_plus`. The weights of the last epoch are kept: choosing the epoch
-    that suits the validation sequence best would make its error a training error.
+    Costs some 60 ms an epoch of both networks for 40 sequences of 300 frames on two cores, 1 GB of
+    memory, and two minutes for `dsnet_plus`. Writes weights and losses: of the networks to `train`,
+    of `dsnet_plus` to `train_plus`. The weights of the last epoch are kept: choosing the epoch with
+    the least validation error would make that a training error.
     """
 
     run: str = "demo"
-    """Name of the run whose latents or offsets are learned."""
+    """Run whose latents or offsets are learned."""
     markers: Path | None = None
-    """Folder of motions of people who wore skin markers, for `train_markers` alone: constants of
-    `dsnet_plus`, the run's or else the package's, by frequency, damping and preload of their flesh.
+    """Folder of motions with skin markers. Writes `train_markers` alone: `dsnet_plus`, the run's or
+    else the packaged one, with the frequency, damping and preload of these people's soft tissue.
     About a minute a person."""
     rounds: PositiveInt = 8
-    """Rounds of `dsnet_plus`; each begins with a simulation of every clip."""
+    """Training rounds of `dsnet_plus`; each begins with a simulation of every clip."""
     plus: Fixed[TrainPlusConfig] = field(default_factory=TrainPlusConfig)
     """How else `dsnet_plus` is trained."""
 

@@ -46,26 +46,25 @@ class CorpusConfig:
     """Make the synthetic corpus and, apart from it, the truth, which no predictor is given.
 
     Costs 165 kB of disk a frame for the truth and the meshes, half as much again in forms other
-    than clean, and time for the soft tissue above all; what it took stands in the manifests and
-    the report.
+    than clean. Most of the time goes into simulating soft tissue; manifests and report state it.
     """
 
     run: str = "demo"
-    """Run to write into: runs/<run>/truth and runs/<run>/corpus."""
+    """Run to write: runs/NAME/truth and runs/NAME/corpus."""
     seed: Seed = 0
     """Seed of every subject's style of moving."""
     gender: Gender = "female"
-    """Whose bodies."""
+    """Gender of the bodies."""
     subjects: Annotated[int, Bounds(1, 5)] = 5
-    """How many of the five subjects."""
+    """Number of subjects."""
     motions: tuple[str, ...] = tuple(DYNA_MOTIONS)
-    """Dyna motions. All of them, of all subjects, make the paper's 67 sequences exactly."""
+    """Dyna motions; all of them, of all subjects, are the paper's 67 sequences."""
     mean_frames: Annotated[int, Bounds(60)] = 321
-    """Mean length of a sequence at 60 fps; the full corpus has the paper's total instead."""
+    """Mean length of a sequence in frames at 60 fps; the full corpus has the paper's total."""
     mosh_motions: tuple[str, ...] = tuple(HELD_OUT_MOTIONS)
-    """Held-out kinds of motion that nobody is trained on."""
+    """Kinds of motion that are held out from training."""
     mosh_seconds: Annotated[float, Bounds(1)] = 5.0
-    """Length of each held-out motion; lying down and getting up takes its own time if longer."""
+    """Length of each held-out motion in seconds; lying down and getting up may take longer."""
     retakes: Fixed[NonNegativeInt] = 3
     """How many of the motions, the last ones, known people do again and new people too."""
     crossing: Fixed[Crossing] = "full"
@@ -73,16 +72,16 @@ class CorpusConfig:
     amass: Path | None = None
     """Folder of AMASS files or BVHs: real motions as further test takes, with simulated tissue."""
     amass_seconds: PositiveFloat = 20.0
-    """Longest part of a real motion that is used, from its beginning."""
+    """Seconds of each real motion that are used at most, from its beginning."""
     amass_fps: PositiveFloat | None = None
-    """Frames per second of these files, where what they say of themselves is wrong."""
+    """Frame rate of these files in frames per second, where they have a wrong one."""
     amass_smooth_hz: PositiveFloat | Literal["auto"] | None = None
-    """Leave out what is faster in these motions, where their recordings are noisy; `auto` finds the
+    """Cutoff in Hz of a low-pass filter on these motions, for noisy recordings; `auto` finds the
     cutoff that suits each moment."""
     tissue: str = "own"
-    """Law of the soft tissue: the product's own, or one of a module that DSNET_PLUGINS names."""
+    """Law of the soft tissue: `own`, or one of a module that DSNET_PLUGINS names."""
     form: str = "clean"
-    """What the meshes have besides soft tissue: nothing, or a form of such a module."""
+    """What the meshes have besides soft tissue: nothing (`clean`), or a form of such a module."""
     gravity: Fixed[bool] = True
     """Whether turned limbs hang."""
 

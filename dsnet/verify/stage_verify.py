@@ -41,7 +41,7 @@ class VerifyConfig:
     seed: Seed = 0
     """Seed of the random weights and inputs."""
     trained: bool = True
-    """Also compare the run's trained weights; --no-trained needs no run."""
+    """Compare the run's trained weights too; without them no run is needed."""
     full_size: Fixed[bool] = True
     """Compare the autoencoder of random weights at its 33,626,606 parameters."""
 

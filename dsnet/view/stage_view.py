@@ -15,18 +15,19 @@ from dsnet.prediction.motion_options import MotionOptions
 
 @dataclass(frozen=True, kw_only=True)
 class ViewConfig(MotionOptions):
-    """Show SMPL alone, predictions and the truth side by side in a browser; the model runs there.
+    """Show SMPL alone, predictions and the truth in a browser; the model runs in the page.
 
-    The page has knobs for gains, shape, loop, floor and speed. `dsnet export --to html` writes the
-    same page as a file."""
+    The page has controls for gains, shape, loop, floor and speed; `dsnet export --to html` writes
+    the same page as a file."""
 
     run: str | None = None
-    """Run whose predictors and motions are shown; the small model that comes with the package
-    when left out, of the motion's gender."""
+    """Run whose predictors and motions are shown; by default the small packaged model of the
+    motion's gender."""
     motion: Path | None = None
-    """AMASS `.npz`, a BVH, or a sample such as `sample:walking`, that is shown first."""
+    """Motion to show first: AMASS `.npz`, BVH and others (docs/motion_files.md), or
+    `sample:walking`."""
     port: Annotated[int, Bounds(0, 65535)] = 8080
-    """Port to serve on, for this machine alone; 0 takes any that is free."""
+    """Port to serve on, to this machine alone; 0 takes any free port."""
 
 
 PROFILES = dict.fromkeys(("smoke", "demo", "paper"), ViewConfig())

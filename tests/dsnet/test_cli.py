@@ -15,6 +15,8 @@ from dsnet.cli import COMMANDS, main
 from dsnet.report import stage_report
 from tests.pages import PAGES, commands_on, flags_of
 
+COMMON = {"--profile", "--engine", "--address", "--seed", "--help"}
+"""Options of every command."""
 SHOW_HELPS = """
 import contextlib, io, json
 from dsnet.cli import COMMANDS, main
@@ -27,10 +29,10 @@ print(json.dumps(shown))
 """
 
 
-def test_every_command_has_help(capsys):
+def test_the_overview_lists_every_command_once(capsys):
     main(["--help"])
     overview = capsys.readouterr().out
-    assert all(f"  {command} " in overview for command in COMMANDS)
+    assert sorted(re.findall(r"^  ([a-z-]+) ", overview, re.MULTILINE)) == sorted(COMMANDS)
 
 
 @pytest.fixture(scope="module")
@@ -43,13 +45,50 @@ def helps() -> dict[str, str]:
 
 
 def test_commands_and_options_are_few(helps: dict[str, str]) -> None:
-    options = {
-        command: set(re.findall(r"^\W*(--[a-z][a-z-]*)", text, re.MULTILINE))
-        for command, text in helps.items()
-    }
-    assert all("--run" in found for found in options.values())
+    own = {command: options_of(text) - COMMON for command, text in helps.items()}
+    assert all("--run" in options for options in own.values())
     assert len(COMMANDS) <= 14
-    assert sum(map(len, options.values())) <= 100, options
+    assert sum(map(len, own.values())) <= 100, own
+
+
+def options_of(text: str) -> set[str]:
+    """The options that a help explains."""
+    return set(re.findall(r"^\W*(--[a-z][a-z-]*)", text, re.MULTILINE))
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_help_explains_the_common_options(command, helps):
+    """But for a profile where it changes nothing."""
+    assert COMMON - options_of(helps[command]) <= {"--help", "--profile"}
+    assert re.search(r"--engine .*local.*ray", helps[command])
+
+
+@pytest.mark.parametrize("spelling", ["-V", "version"])
+def test_a_version_has_three_spellings(spelling, capsys):
+    main(["--version"])
+    expected = capsys.readouterr().out
+    main([spelling])
+    assert capsys.readouterr().out == expected
+
+
+@pytest.mark.parametrize("spelling", [[], ["-h"], ["help"]])
+def test_the_overview_has_four_spellings(spelling, capsys):
+    main(["--help"])
+    expected = capsys.readouterr().out
+    main(spelling)
+    assert capsys.readouterr().out == expected
+
+
+def test_help_of_a_command_is_that_of_its_option(helps, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(["help", "check"])
+    assert stopped.value.code == 0
+    assert capsys.readouterr().out == helps["check"]
+
+
+def test_the_overview_fits_a_terminal(capsys):
+    main(["--help"])
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
 
 
 def test_what_only_studies_set_is_no_option(capsys):
@@ -75,7 +114,13 @@ def test_help_shows_run_and_seed(command, helps):
     ("arguments", "words"),
     [
         (["fly"], "expected one of corpus"),
+        (["help", "fly"], "expected one of corpus"),
+        (["--completion"], "expected one of bash"),
+        (["--completion", "powershell"], "expected one of bash"),
         (["report", "--profile", "huge"], "expected one of smoke"),
+        (["report", "--profile=smoke", "--profile", "huge"], "expected one of smoke"),
+        (["report", "--profile"], "expected one of smoke"),
+        (["report", "--seed", "-1"], "expected 0 to"),
         (["report", "--run", "no-such-run"], "unknown run 'no-such-run'"),
         (["report", "--run", "../up"], "plain folder name"),
         (["predict", "--motion", "x.npz"], "--out"),
@@ -148,14 +193,23 @@ def test_help_begins_with_what_is_required(helps):
     assert not [text for text in helps.values() if "{None}" in text or "(default: None)" in text]
 
 
-def test_helps_flow_to_the_width_of_the_terminal():
-    wide = {**os.environ, "COLUMNS": "200"}
-    shown = dsnet("predict", "--help", stdout=subprocess.PIPE, env=wide).stdout
-    assert "`sample:walking`. Or a folder: every motion" in shown
-    narrow = {**os.environ, "COLUMNS": "60"}
-    shown = dsnet("train", "--help", stdout=subprocess.PIPE, env=narrow).stdout
-    assert max(map(len, shown.splitlines())) <= 60
-    assert "40 sequences of 300" in " ".join(shown.split())
+def test_helps_flow_to_the_width_of_the_terminal(monkeypatch, capsys):
+    shown = {}
+    for width in (60, 80, 120, 200):
+        monkeypatch.setenv("COLUMNS", str(width))
+        with pytest.raises(SystemExit):
+            main(["train", "--help"])
+        shown[width] = capsys.readouterr().out
+        assert width - 10 < max(map(len, shown[width].splitlines())) <= width
+    assert len({tuple(re.findall(r"\w+", text)) for text in shown.values()}) == 1  # the same words
+
+
+def test_a_description_stands_flush(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "60")
+    with pytest.raises(SystemExit):
+        main(["train", "--help"])
+    description = capsys.readouterr().out.partition("usage:")[0]
+    assert not re.search(r"^ |\n\n\n", description, re.MULTILINE)
 
 
 WITHOUT_FRAMEWORKS = """
@@ -166,18 +220,23 @@ class Refused:
         if name.partition(".")[0] in ("tensorflow", "keras", "torch"):
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Refused())
-main([sys.argv[1], "--help"])
+main(sys.argv[1:])
 """
+
+
+def without_frameworks(*arguments: str) -> str:
+    """What the command prints where no framework is installed."""
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_FRAMEWORKS, *arguments],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 @pytest.mark.parametrize("command", ["train", "predict", "export", "view", "corpus"])
 def test_help_needs_no_framework(command):
-    done = subprocess.run(
-        [sys.executable, "-c", WITHOUT_FRAMEWORKS, command],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "--run" in done.stdout
+    assert "--run" in without_frameworks(command, "--help")
 
 
 def test_options_keep_the_parsers_own_suggestion(capsys):
@@ -215,8 +274,7 @@ def test_commands_of_dsnet_on_pages_are_its_own(helps: dict[str, str]) -> None:
     command = re.compile(r"(?:^|[/\s])dsnet ([a-z][a-z-]+)(.*)")
     found = [part for line in lines for part in command.findall(line)]
     assert len(found) > 40
-    common = {"--profile", "--engine", "--address", "--seed", "--help"}
-    known = {command: common | flags_of(text) for command, text in helps.items()}
+    known = {command: COMMON | flags_of(text) for command, text in helps.items()}
     assert not [
         (name, flag) for name, rest in found for flag in flags_of(rest) - known.get(name, set())
     ]

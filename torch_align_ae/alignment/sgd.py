@@ -49,12 +49,12 @@ class Descent:
     """How to descend, and for how long."""
 
     steps: NonNegativeInt = 140
-    """Steps for each frame after a sequence's first (the paper does not say how many). With
-    50, jumps and fast limbs are left behind, beyond 400 nothing is gained (docs/alignment.md)."""
+    """Steps for each frame after a sequence's first (the paper states no number). With 50, the fit
+    loses jumps and fast limbs; more than 400 gain nothing (docs/alignment.md)."""
     first_frame_steps: NonNegativeInt = 2000
-    """Steps for the pose of a sequence's first frame, its subject's shape being known."""
+    """Steps for the pose of a sequence's first frame, once its subject's shape is fitted."""
     shape_steps: NonNegativeInt = 8000
-    """Steps for a subject's shape, together with the pose of its very first frame."""
+    """Steps for a subject's shape, together with the pose of the subject's first frame."""
     lr: PositiveFloat = 1e-4
     """Learning rate (paper: 0.0001)."""
     momentum: NonNegativeFloat = 0.9

@@ -25,21 +25,21 @@ from torch_align_ae.body import SMPL
 
 @dataclass(frozen=True)
 class AlignConfig(Descent):
-    """Align SMPL to every mesh and take the offsets off in the rest pose (Section 3.3, Eq. 5).
+    """Align SMPL to every mesh and unpose the offsets (Section 3.3, Eq. 5).
 
     SGD costs 0.4 to 0.9 ms of one core per frame and step; memory does not grow with the
     corpus. Gives `betas`, `theta`, `offsets` and `frame_error`. Steps, rate and momentum are SGD's.
     """
 
     run: str = "demo"
-    """Name of the run; its corpus is aligned unless `smpl` and `dyna` are given."""
+    """Run to write; its corpus is aligned unless --smpl and --dyna are given."""
     smpl: Path | None = None
-    """SMPL model file (.npz or .pkl), given together with `dyna`."""
+    """SMPL model file (.npz or .pkl), given together with --dyna."""
     dyna: tuple[Path, ...] = ()
-    """Dyna or D-FAUST HDF5 files, given together with `smpl`."""
+    """Dyna or D-FAUST HDF5 files, given together with --smpl."""
     aligner: Literal["sgd", "robust", "both"] = "both"
-    """Method: `sgd` is the paper's; `robust` keeps the pose from swallowing the dynamics. `both`
-    makes the paper's `align` and, beside it, `align_robust`."""
+    """`sgd` is the paper's; `robust` keeps the soft tissue's motion out of pose and shape; `both`
+    writes `align` by the first and `align_robust` by the second."""
     robust: Fixed[RobustSettings] = field(default_factory=RobustSettings)
     """Settings of `robust`."""
     validation: tuple[str, ...] = ("50004_one_leg_jump", "50002_one_leg_jump")

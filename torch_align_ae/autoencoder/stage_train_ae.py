@@ -115,27 +115,27 @@ class TrainAutoencoderConfig(Pace):
     run: str = "demo"
     """Folder under runs/ that holds the aligned offsets."""
     precision: PrecisionName = "auto"
-    """Of the matrix products of training steps: `bfloat16`, `float32`, or by `auto` the first where
-    the processor has instructions for it. Weights, their sums and all scores are float32."""
+    """Precision of the matrix products in training; `auto` is `bfloat16` where the processor has
+    instructions for it. Weights, their sums and all scores are float32."""
     epochs: NonNegativeInt = 100
-    """Passes over the training frames when `steps` is 0."""
+    """Passes over the training frames if --steps is 0."""
     patience: Fixed[NonNegativeInt] = 10
     preset: PresetName = "measured"
-    """How the paper's silences are filled: by its plainest words (`literal`), by what was measured
-    to learn, or by what learns in a few hundred steps (`short`)."""
+    """How to read what the paper leaves open: by its plainest words (`literal`), by what was
+    measured to learn (`measured`), or by what learns in a few hundred steps (`short`)."""
     split: Fixed[SplitName] = "frame"
     """70 % of the frames, as in the paper, or 70 % of the sequences, which does not leak."""
     include_held_out: Fixed[bool] = False
     """Draw from the validation sequences too, as the paper does: its code has seen the clip on
     which DSNet is judged."""
     comparisons: tuple[TrialName, ...] = ()
-    """Further trainings, only reported: another preset, the sequence-level split, or all frames,
+    """Further trainings, for the report alone: another preset, a split by sequences, or all frames,
     those of the held-out sequences too."""
     comparison_epochs: Fixed[NonNegativeInt] = 0
     """Passes of each of `comparisons`; 0: as long as the training itself."""
     dmpl: Path | None = None
-    """DMPL's `model.npz`, beside licensed meshes: its 8 directions become a third code, on which
-    a predictor of a plugin can be trained."""
+    """DMPL's `model.npz`, with licensed meshes only: its 8 directions become a third code, on which
+    a predictor of a plug-in can be trained."""
 
 
 PROFILES: dict[str, TrainAutoencoderConfig] = {

@@ -227,7 +227,6 @@ def alive(pid: int) -> bool:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--engine", "spark"), "--engine spark; expected local or ray"),
         (("--address", "10.0.0.1:6379"), "--address 10.0.0.1:6379 without a cluster"),
         (("--engine=local", "--address=auto"), "--address auto without a cluster"),
     ],
@@ -239,6 +238,11 @@ def test_slips_are_told_in_one_line(options, said, capsys):
     told = capsys.readouterr().err.splitlines()
     assert len(told) == 1
     assert said in told[0]
+
+
+def test_there_are_two_engines():
+    with pytest.raises(DsnetError, match="spark; expected local or ray"), use_engine("spark"):
+        pass
 
 
 def test_the_local_engine_leaves_work_as_it_is():

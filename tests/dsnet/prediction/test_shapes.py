@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import combinations
 
 import numpy as np
@@ -11,13 +12,20 @@ from hypothesis import strategies as st
 
 from bridge import DsnetError
 from bridge.body import load_body_model
-from dsnet.prediction.shapes import MEASURES, SHAPES, MeasuredBody, betas_that_measure, find_shape
+from dsnet.prediction.shapes import (
+    MEASURES,
+    SHAPES,
+    MeasuredBody,
+    betas_that_measure,
+    find_shape,
+    parse_shape,
+)
 from tests.sources import ROOT
 
 FEMALE = load_body_model("embedded:female")
 MEASURED = MeasuredBody(FEMALE)
 MEAN = MEASURED(np.zeros(10))
-SOME = st.sets(st.sampled_from(MEASURES), min_size=1)
+SOME = st.sets(st.sampled_from([*MEASURES]), min_size=1)
 
 
 def check(betas: np.ndarray, names: set[str]) -> None:
@@ -105,6 +113,22 @@ def test_bad_words_are_one_line(words, said):
     with pytest.raises(DsnetError, match=said) as refused:
         find_shape(FEMALE, words)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("name", [name for name, unit in MEASURES.items() if unit == "cm"])
+@pytest.mark.parametrize("metres", [0.5, 0.99, 1.0, 1.829, 2.4])
+def test_metres_are_answered_by_the_same_length_in_cm(name, metres):
+    with pytest.raises(DsnetError, match=f"{name} in cm") as refused:
+        parse_shape([f"{name}={metres}"])
+    meant = re.findall(rf"{name}=([\d.]+)\?", refused.value.remedy)
+    assert [float(number) for number in meant] == [pytest.approx(100 * metres)]
+
+
+@pytest.mark.parametrize(("word", "unit"), [("height=6", "cm"), ("weight=0.08", "kg")])
+def test_what_no_body_measures_names_the_unit_and_guesses_nothing(word, unit):
+    with pytest.raises(DsnetError, match=f"in {unit}") as refused:
+        parse_shape([word])
+    assert "mean" not in refused.value.remedy
 
 
 def test_the_page_has_the_table():
