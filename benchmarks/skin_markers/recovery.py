@@ -18,14 +18,14 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
+from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_recording
 from bridge.body import BodyModelData
 from bridge.runs.workers import worker_pool
 from bridge.tissue.trained_plus import NAME, TrainedPlus
 from dsnet.fitting import evidence
-from dsnet.fitting.fit import Estimate, fit_person
+from dsnet.fitting.fit import Estimate, fit_subject
 from dsnet.fitting.flesh_patch import Region, constants_of, logit, preload_of
-from dsnet.fitting.population import share
+from dsnet.fitting.population import combine
 from dsnet.markers.registration import SOFT, SPOTS
 from dsnet.prediction.load_model import load_model
 from dsnet.prediction.models import PlusModel
@@ -119,33 +119,35 @@ def one_woman(
             for file, take in zip(files, TAKES, strict=True):
                 theta = perform(take, f"woman {number}", Skeleton(body, betas),
                                 frame_count=config.frames, fps=60, seed=config.seed)  # fmt: skip
-                write_take(file, PlusModel(true, body), body, betas, theta, rng, mode != MODES[0])
+                write_recording(
+                    file, PlusModel(true, body), body, betas, theta, rng, mode != MODES[0]
+                )
             with_bone: Callable = evidence.bone_motion
             try:
                 if mode != MODES[2]:
                     evidence.bone_motion = lambda body, motion, *_: motion
-                takes = [_chest_alone(evidence.read_take(file, body)) for file in files]
-                fits[mode] = fit_person(body, base, takes)["chest"]
+                read = [_chest_alone(evidence.read_recording(file, body)) for file in files]
+                fits[mode] = fit_subject(body, base, read)["chest"]
             finally:
                 evidence.bone_motion = with_bone
     return truth, fits
 
 
-def _chest_alone(take: evidence.Take) -> evidence.Take:
+def _chest_alone(one: evidence.Recording) -> evidence.Recording:
     """Without the other soft markers."""
     soft = {label for label, spot in SPOTS.items() if spot.flesh}
     vertices = {
         label: vertex
-        for label, vertex in take.registered.vertices.items()
+        for label, vertex in one.registered.vertices.items()
         if label not in soft or label in _CHEST_ONLY
     }
-    return replace(take, registered=replace(take.registered, vertices=vertices))
+    return replace(one, registered=replace(one.registered, vertices=vertices))
 
 
 def _errors(truths: list[list[float]], estimates: list[Estimate]) -> dict:
     """Of each woman and in the middle: frequency and damping in parts of them, and preload; how
     often intervals hold the truth."""
-    shared = share("chest", estimates)
+    shared = combine("chest", estimates)
     rows, held = [], []
     for truth, one, own, sd in zip(truths, estimates, shared.own, shared.own_sd, strict=True):
         true = np.array([*(np.log(truth[:2]) - one.base) / one.reach, float(logit(truth[2]))])

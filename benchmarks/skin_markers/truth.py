@@ -63,7 +63,7 @@ def flesh_model(body: BodyModelData, model: TrainedPlus, flesh: Mapping[str, Fle
     return with_changes(body, model, regions, changes)
 
 
-def write_take(
+def write_recording(
     path: Path,
     model: PlusModel,
     body: BodyModelData,

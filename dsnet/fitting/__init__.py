@@ -1,1 +1,1 @@
-"""Constants of flesh from markers on skin."""
+"""Fit soft-tissue constants to skin markers."""

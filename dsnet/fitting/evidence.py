@@ -1,5 +1,7 @@
-"""What a motion's markers say of soft regions, ready to be fitted: series, and the loads that drove
-them, of the part of the motion that shakes flesh most."""
+"""Read recordings with skin markers, and prepare them for a fit of soft-tissue constants.
+
+Of each motion only the part that shakes soft tissue most is used.
+"""
 
 from __future__ import annotations
 
@@ -27,61 +29,71 @@ from dsnet.prediction.models import PlusModel, codes_of
 from dsnet.prediction.shape_space import with_betas_on
 
 LEAST_S, MOST_S = 2.0, 8.0
-"""Of a motion: less shows no swing, more says the same again."""
-_PULLS = {
+"""Seconds of a motion: less shows no oscillation, more adds little."""
+_LIMB_MARKERS = {
     "thorax": ("LELB", "RELB"),
     "pelvis": ("LKNE", "RKNE"),
     **{f"{side}thigh": (f"{side}ANK",) for side in "LR"},
     **{f"{side}calf": (f"{side}TOE",) for side in "LR"},
     **{f"{side}arm": (f"{side}LOWR", f"{side}IWR") for side in "LR"},
 }
-"""Markers beyond a segment's joints: skin is pulled as they rise and reach out."""
+"""Markers on the limbs next to a segment, whose motion pulls at its skin."""
 _LIMB_M = 0.3
+"""Their coordinates are divided by the length of a limb."""
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One marker in its segment's frame, what skinning explains taken off, above 1.2 Hz."""
+    """The motion of one soft marker in its segment's frame beyond skinning, above 1.2 Hz."""
 
     doubt: str
+    """Why its segment's frame is uncertain, empty if it is not."""
     moved_mm: NDArray[np.float64]
-    """(T, 3)."""
+    """(T, 3) displacement."""
     good: NDArray[np.bool_]
     """(T,) frames that count."""
-    turns: NDArray[np.float64]
+    rotations: NDArray[np.float64]
     """(T, 3, 3) from offsets in the rest pose to the segment's frame."""
-    reading: NDArray[np.float64]
-    """(K,) weights of the nodes at its vertex."""
-    pulls: NDArray[np.float64]
-    """(T, Q) where the limbs beyond are, in lengths of one: what they pull at is not flesh's."""
+    node_weights: NDArray[np.float64]
+    """(K,) interpolation weights of the nodes at its vertex."""
+    limbs: NDArray[np.float64]
+    """(T, Q) coordinates of markers on neighbouring limbs, in lengths of a limb. The part of the
+    displacement that is linear in them is skin pulled by limbs."""
 
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """Markers of one motion by part of the body, and the load (T, K, 3) on the nodes."""
+    """Data of one motion for a fit."""
 
     load: NDArray[np.float64]
+    """(T, K, 3) load on the nodes, m/s^2."""
     series: Mapping[str, list[Series]]
+    """Series of the soft markers by part of the body."""
     fps: float
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
-    """Markers in a body's world, and the motion of its bones as far as it is known."""
+class Recording:
+    """Markers registered to a body, and the motion of its bones as estimated so far."""
 
     body: BodyModelData
     filed: Motion
-    """The pose of the file, which may hold what flesh does."""
+    """The pose of the file, which may follow soft tissue."""
     motion: Motion
+    """The pose with the chest from markers on bone."""
     registered: Registered
 
 
-def read_take(path: Path, body: BodyModelData) -> Take:
-    """The part of a file's motion that is fitted, its chest by markers on bone, its shape by all
-    where the file's betas are not the body's.
+def read_recording(path: Path, body: BodyModelData) -> Recording:
+    """Read the part of a motion file that is fitted, and take the pose of its chest from markers.
 
-    `DsnetError` if it has no markers, none on the bone of the chest, or none on soft places, or
-    says a rate at which nobody falls.
+    Betas are fitted to the markers if those of the file are of another body model.
+
+    Raises
+    ------
+    DsnetError
+        If the file has no markers, none on bone of the chest or none on soft tissue, if its longest
+        piece without a cut is too short, or if its frame rate contradicts gravity.
     """
     motion = with_betas_on(load_recording(path), body, warn=False)
     markers = markers_of(motion)
@@ -103,7 +115,7 @@ def read_take(path: Path, body: BodyModelData) -> Take:
     if (fall_g := steepest_fall_g(motion.trans_m[frames, 1], motion.fps)) > MOST_FALL_G:
         raise DsnetError(
             f"{path}, which falls with {fall_g:.1f} times gravity at its {motion.source_fps:g} fps",
-            f"its true rate, of some {motion.source_fps / np.sqrt(fall_g):.0f}: flesh is timed",
+            f"its true rate, of some {motion.source_fps / np.sqrt(fall_g):.0f} fps",
             "Write the true rate into a copy of the file.",
         )
     cloud = Cloud(
@@ -112,88 +124,89 @@ def read_take(path: Path, body: BodyModelData) -> Take:
     )
     motion = replace(motion.frames(frames), theta=np.asarray(motion.theta[frames], np.float64))
     bony = bone_motion(body, motion, cloud)
-    return Take(body, motion, bony, replace(registered, cloud=cloud))
+    return Recording(body, motion, bony, replace(registered, cloud=cloud))
 
 
 def liveliest(motion: Motion) -> slice:
-    """The frames without a cut, at most `MOST_S` of them, in which the root is jolted most."""
+    """The `MOST_S` seconds without a cut in which the root accelerates most."""
     piece = max(pieces_between_cuts(motion.theta), key=lambda one: one.stop - one.start)
     most = int(MOST_S * motion.fps)
-    jolt = np.square(np.diff(motion.theta[piece, -3:], n=2, axis=0)).sum(axis=1)
-    if len(jolt) + 2 <= most:
+    acceleration = np.square(np.diff(motion.theta[piece, -3:], n=2, axis=0)).sum(axis=1)
+    if len(acceleration) + 2 <= most:
         return piece
-    jolt = np.minimum(jolt, np.quantile(jolt, 0.99))  # one wild frame is an error of the pose
-    total = np.cumsum(np.r_[0, jolt])
+    # Limit outliers: a single wild frame is an error of the pose.
+    acceleration = np.minimum(acceleration, np.quantile(acceleration, 0.99))
+    total = np.cumsum(np.r_[0, acceleration])
     first = piece.start + int(np.argmax(total[most:] - total[:-most]))
     return slice(first, first + most)
 
 
-def evidence(take: Take, model: PlusModel) -> tuple[Take, Clip]:
-    """What is fitted, and the take with bones that a model's flesh was taken off.
+def clip_to_fit(recording: Recording, model: PlusModel) -> tuple[Recording, Clip]:
+    """The data of a recording for a fit, and the recording with an improved pose of the bones.
 
-    Markers on bone ride on skin that moves a little: what the model makes of it is taken off them
-    before the frames of the segments, and the pose of the chest, are found anew.
+    Markers on bone move a little with the skin. The model's prediction of that is subtracted before
+    the frames of the segments and the pose of the chest are computed again.
     """
-    body, trained, motion = take.body, model.trained, take.motion
-    vertices = take.registered.vertices
-    reading = trained.nodes.reading(np.array([*vertices.values()]))
+    body, trained, motion = recording.body, model.trained, recording.motion
+    vertices = recording.registered.vertices
+    node_weights = trained.nodes.reading(np.array([*vertices.values()]))
     codes = np.stack([*codes_of(model, motion.theta, motion.betas)])
-    turns = _turns(body, Pose.of(body, motion), vertices.values())
-    flesh_m = np.einsum("tvxy,tyk,vk->tvx", turns, codes, reading, optimize=True)
+    rotations = _rotations(body, Pose.of(body, motion), vertices.values())
+    offsets_m = np.einsum("tvxy,tyk,vk->tvx", rotations, codes, node_weights, optimize=True)
     on_bone = {label for segment in SEGMENTS.values() for label in segment.labels}
-    points_m = dict(take.registered.cloud.points_m)
+    points_m = dict(recording.registered.cloud.points_m)
     for column, label in enumerate(vertices):
         if label in on_bone:
-            points_m[label] = points_m[label] - flesh_m[:, column]
-    bare_cloud = Cloud(points_m, take.registered.cloud.seen)
-    motion = bone_motion(body, take.filed, bare_cloud)
-    found = replace(take, motion=motion)
-    return found, Clip(
-        driving_load(trained, body, motion), _series(found, bare_cloud, reading), motion.fps
-    )
+            points_m[label] = points_m[label] - offsets_m[:, column]
+    cloud = Cloud(points_m, recording.registered.cloud.seen)
+    motion = bone_motion(body, recording.filed, cloud)
+    recording = replace(recording, motion=motion)
+    load, series = driving_load(trained, body, motion), _series(recording, cloud, node_weights)
+    return recording, Clip(load, series, motion.fps)
 
 
-def _series(take: Take, cloud: Cloud, reading: NDArray) -> dict[str, list[Series]]:
-    body, motion, vertices = take.body, take.motion, take.registered.vertices
-    pose, bare, fps = Pose.of(body, motion), take.registered.posed(body, motion), motion.fps
-    real = segment_frames(cloud, pose)
-    posed = segment_frames(bare, pose, real)
-    turns, columns = _turns(body, pose, vertices.values()), {n: k for k, n in enumerate(vertices)}
+def _series(recording: Recording, cloud: Cloud, node_weights: NDArray) -> dict[str, list[Series]]:
+    body, motion, vertices = recording.body, recording.motion, recording.registered.vertices
+    pose, skinned, fps = Pose.of(body, motion), recording.registered.posed(body, motion), motion.fps
+    frames = segment_frames(cloud, pose)
+    skinned_frames = segment_frames(skinned, pose, frames)
+    rotations = _rotations(body, pose, vertices.values())
+    columns = {label: column for column, label in enumerate(vertices)}
     series: dict[str, list[Series]] = {}
-    for label, spot, moved_mm, good in at_spots(cloud, real, fps):
+    for label, spot, moved_mm, good in at_spots(cloud, frames, fps):
         if not spot.flesh or label not in columns:
             continue
-        column, alone = columns[label], posed[spot.segment]
+        column, frame = columns[label], skinned_frames[spot.segment]
         series.setdefault(spot.flesh, []).append(
             Series(
                 SEGMENTS[spot.segment].doubt,
-                faster(moved_mm - alone.local_mm(bare.points_m[label]), fps),
+                faster(moved_mm - frame.local_mm(skinned.points_m[label]), fps),
                 good,
-                alone.turns.swapaxes(1, 2) @ turns[:, column],
-                reading[column],
-                _pulls(cloud, spot.segment, real[spot.segment], fps),
+                frame.turns.swapaxes(1, 2) @ rotations[:, column],
+                node_weights[column],
+                _limb_coordinates(cloud, spot.segment, frames[spot.segment], fps),
             )
         )
     return series
 
 
-def _turns(body: BodyModelData, pose: Pose, vertices: Iterable[int]) -> NDArray[np.float64]:
-    """(T, N, 3, 3) that turn offsets of vertices from the rest pose to the world."""
+def _rotations(body: BodyModelData, pose: Pose, vertices: Iterable[int]) -> NDArray[np.float64]:
+    """(T, N, 3, 3) linear parts of skinning: from offsets in the rest pose to the world."""
     return np.einsum("vj,tjxy->tvxy", body.weights[[*vertices]], pose.turns)
 
 
 def driving_load(model: TrainedPlus, body: BodyModelData, motion: Motion) -> NDArray[np.float64]:
-    """(T, K, 3) what moves the nodes from each frame to the next."""
+    """(T, K, 3) load that moves the nodes from each frame to the next, m/s^2."""
     load = node_loads(body, model.nodes.vertices, motion.betas, motion.theta, motion.fps)
     inertia, gravity = (np.exp(model.weights.base[f"{n}_gain"]) for n in ("inertia", "gravity"))
-    whole = inertia * load.inertia + gravity * load.gravity
-    frames = np.arange(len(load)) + model.look_ahead
-    rows = (np.clip(frames - late, 0, len(load) - 1) for late in range(len(model.weights.taps)))
-    return np.sum([tap * whole[row] for tap, row in zip(model.weights.taps, rows, strict=True)], 0)
+    total = inertia * load.inertia + gravity * load.gravity
+    frames, taps = np.arange(len(load)) + model.look_ahead, model.weights.taps
+    rows = (np.clip(frames - delay, 0, len(load) - 1) for delay in range(len(taps)))
+    return np.sum([tap * total[row] for tap, row in zip(taps, rows, strict=True)], 0)
 
 
-def _pulls(cloud: Cloud, segment: str, frame: Frame, fps: float) -> NDArray[np.float64]:
-    there = [label for label in _PULLS[segment] if label in cloud.points_m]
-    found = [frame.local_mm(cloud.points_m[label])[:, 1:] / (1e3 * _LIMB_M) for label in there]
+def _limb_coordinates(cloud: Cloud, segment: str, frame: Frame, fps: float) -> NDArray[np.float64]:
+    labels = [label for label in _LIMB_MARKERS[segment] if label in cloud.points_m]
+    places = [frame.local_mm(cloud.points_m[label])[:, 1:] / (1e3 * _LIMB_M) for label in labels]
     empty = np.zeros((len(frame.good), 0))
-    return np.concatenate([empty, *(faster(one, fps) for one in found)], axis=1)
+    return np.concatenate([empty, *(faster(one, fps) for one in places)], axis=1)

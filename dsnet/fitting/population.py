@@ -1,8 +1,8 @@
-"""From many people's estimates of a region to what they share, with intervals.
+"""Combine subjects' estimates of a region into the population's, with 90 % intervals.
 
-People differ: each one's constants are the population's and something of their own, normal in the
-scale of the changes. Mean and spread are found by expectation and maximisation, from what every
-person's markers say (information form, so that who says little weighs little).
+A hierarchical normal model: each subject's changes are normally distributed about the population's
+mean. Mean and spread are estimated by expectation maximisation from every subject's information, so
+that subjects with few data have little weight.
 """
 
 from __future__ import annotations
@@ -18,21 +18,25 @@ from dsnet.fitting.fit import PEOPLE_SD, POPULATION_SD, PRELOAD, Estimate
 from dsnet.fitting.flesh_patch import logit, logit_slope, preload_of
 
 _ROUNDS = 50
-_WORTH = 4.0
-"""People that the spread that was assumed counts as."""
+_PRIOR_COUNT = 4.0
+"""Weight of the prior of the spread between subjects, as a number of subjects."""
 _BIAS = np.array([0.04, 0.08, 0.1])
-"""Of the method itself, which more people do not take away: `benchmarks.skin_markers` measures it.
-In logarithms of frequency and damping ratio, and in preload."""
+"""Bias of the method, which more subjects do not reduce, as `benchmarks.skin_markers` measures it;
+in logarithms of frequency and damping ratio, and in preload."""
 _INDICATIVE = 2.0
-"""How much wider, where the frame itself rides on flesh."""
+"""Factor of standard deviations where the segment's frame rests on soft tissue."""
 _TOLD = 0.7
-"""A mean whose deviation is less than this part of what was assumed is the data's."""
+"""A mean counts as measured if its standard deviation is below this part of the prior's."""
 _NINETY = 1.645
+"""Half of a 90 % interval, in standard deviations."""
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """What people share of one region: values with the ends of their 90 % interval."""
+class RegionFit:
+    """Constants of one region for the population: value, low and high end of the 90 % interval.
+
+    Its fields are keys of the artifact's manifest.
+    """
 
     part: str
     people: int
@@ -42,44 +46,47 @@ class Fitted:
     preload: list[float]
     sag_mm: list[float]
     told: bool
-    """Whether markers say it, and not what was assumed before."""
+    """Whether the markers determine it, and not mainly the prior."""
     doubt: str
+    """Why it is uncertain, empty if it is not."""
     change: list[float]
-    """(3,) of the model's region."""
+    """(3,) changes of the model's region."""
     own: list[list[float]]
-    """(3,) of each person, as far as markers tell them from the others."""
+    """(3,) changes of each subject."""
     own_sd: list[list[float]]
-    """How far off each may be, the method's bias included."""
+    """(3,) their standard deviations, with the bias of the method."""
 
 
-def share(part: str, estimates: Sequence[Estimate]) -> Fitted:
-    """What the people of some estimates of one part have in common."""
+def combine(part: str, estimates: Sequence[Estimate]) -> RegionFit:
+    """Combine the estimates of one part of the body from several subjects."""
     base = np.mean([one.base for one in estimates], axis=0)
     slope = np.array([1, 1, logit_slope(PRELOAD)])
-    before, prior = POPULATION_SD * slope, np.array([0, 0, float(logit(PRELOAD))])
-    spread = PEOPLE_SD * slope
+    prior, prior_sd = np.array([0, 0, float(logit(PRELOAD))]), POPULATION_SD * slope
+    between_sd = PEOPLE_SD * slope
     information = np.array([one.information for one in estimates])
     pull = np.array([one.pull for one in estimates])
-    wide = _INDICATIVE if any("indicative" in one.doubt for one in estimates) else 1.0
-    information, pull = information / wide**2, pull / wide**2
+    widening = _INDICATIVE if any("indicative" in one.doubt for one in estimates) else 1.0
+    information, pull = information / widening**2, pull / widening**2
     for _ in range(_ROUNDS):
-        mean, covariance, own, own_covariance = _step(information, pull, spread, prior, before)
-        excess = np.square(own - mean).sum(axis=0)
-        excess += np.einsum("nii->i", own_covariance)
-        known = _WORTH * np.square(PEOPLE_SD * slope)
-        spread = np.sqrt((known + excess) / (_WORTH + len(own)))
+        mean, covariance, each, each_covariance = _step(
+            information, pull, between_sd, prior, prior_sd
+        )
+        squares = np.square(each - mean).sum(axis=0)
+        squares += np.einsum("nii->i", each_covariance)
+        prior_squares = _PRIOR_COUNT * np.square(PEOPLE_SD * slope)
+        between_sd = np.sqrt((prior_squares + squares) / (_PRIOR_COUNT + len(each)))
     preload = float(preload_of(mean[2]))
-    bias = wide * _BIAS * [1, 1, logit_slope(preload)]
-    deviation = np.sqrt(np.diag(covariance) + np.square(bias))
-    low, high = (mean + sign * _NINETY * deviation for sign in (-1, 1))
+    bias = widening * _BIAS * [1, 1, logit_slope(preload)]
+    mean_sd = np.sqrt(np.diag(covariance) + np.square(bias))
+    low, high = (mean + sign * _NINETY * mean_sd for sign in (-1, 1))
     reach = estimates[0].reach
     ends = np.array([mean, low, high])
     hz, damping = (np.exp(base[k] + reach * ends[:, k]) for k in (0, 1))
-    # Sag is preload g / w^2.
+    # The sag is preload g / w^2; these are the derivatives of its logarithm.
     by = np.array([-2, 0, 1 / logit_slope(preload) / preload])
     sag_m = preload * -GRAVITY_M_S2[1] / (2 * np.pi * hz[0]) ** 2
     sag_sd = np.sqrt(by @ covariance @ by + np.square(by * bias).sum())
-    return Fitted(
+    return RegionFit(
         part,
         len(estimates),
         round(sum(one.seconds for one in estimates), 1),
@@ -87,26 +94,27 @@ def share(part: str, estimates: Sequence[Estimate]) -> Fitted:
         _rounded(damping),
         _rounded(preload_of(ends[:, 2])),
         _rounded(1e3 * sag_m * np.exp(np.array([0, -1, 1]) * _NINETY * sag_sd)),
-        bool(deviation[0] < _TOLD * before[0]),
+        bool(mean_sd[0] < _TOLD * prior_sd[0]),
         next((one.doubt for one in estimates if one.doubt), ""),
         mean.tolist(),
-        own.tolist(),
-        np.sqrt(np.einsum("nii->ni", own_covariance) + np.square(bias)).tolist(),
+        each.tolist(),
+        np.sqrt(np.einsum("nii->ni", each_covariance) + np.square(bias)).tolist(),
     )
 
 
 def _step(
-    information: NDArray, pull: NDArray, spread: NDArray, prior: NDArray, before: NDArray
+    information: NDArray, pull: NDArray, between_sd: NDArray, prior: NDArray, prior_sd: NDArray
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """The population's mean and covariance, and each person's, for a spread over people."""
-    inner = np.linalg.inv(information + np.diag(spread**-2.0))
-    seen = information - information @ inner @ information
-    precision = np.diag(before**-2.0) + seen.sum(axis=0)
-    told = (pull - np.einsum("nxy,nyz,nz->nx", information, inner, pull)).sum(axis=0)
+    """Mean and covariance of the population and of each subject, for a spread between subjects."""
+    each_covariance = np.linalg.inv(information + np.diag(between_sd**-2.0))
+    # The information about the population's mean, with the subjects' changes integrated out.
+    marginal = information - information @ each_covariance @ information
+    precision = np.diag(prior_sd**-2.0) + marginal.sum(axis=0)
+    data = (pull - np.einsum("nxy,nyz,nz->nx", information, each_covariance, pull)).sum(axis=0)
     covariance = np.linalg.inv(precision)
-    mean = covariance @ (told + prior / before**2)
-    own = np.einsum("nxy,ny->nx", inner, pull + mean / spread**2)
-    return mean, covariance, own, inner
+    mean = covariance @ (data + prior / prior_sd**2)
+    each = np.einsum("nxy,ny->nx", each_covariance, pull + mean / between_sd**2)
+    return mean, covariance, each, each_covariance
 
 
 def _rounded(values: NDArray) -> list[float]:

@@ -1,4 +1,4 @@
-"""`dsnet train --markers`: a model of flesh whose constants real people's skin markers say."""
+"""`dsnet train --markers`: a `dsnet_plus` with soft-tissue constants fitted to skin markers."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from bridge.runs.files import json_sha256, sha256_of, write_text_atomically
 from bridge.runs.run import TRAIN_MARKERS, TRAIN_PLUS
 from bridge.runs.workers import progress, worker_pool
 from bridge.tissue.trained_plus import NAME, TrainedPlus, shares_of_people
-from dsnet.fitting.evidence import Take, read_take
-from dsnet.fitting.fit import Estimate, fit_person
+from dsnet.fitting.evidence import Recording, read_recording
+from dsnet.fitting.fit import Estimate, fit_subject
 from dsnet.fitting.flesh_patch import Region, with_changes
-from dsnet.fitting.population import Fitted, share
+from dsnet.fitting.population import RegionFit, combine
 from dsnet.markers.marker_files import marker_file
 from dsnet.markers.registration import SOFT
 from dsnet.prediction.load_model import TrainedModel, load_model
@@ -32,55 +32,67 @@ from dsnet.report.pages import render
 
 FITTED = "dsnet_plus_markers"
 LABEL = "DSNet+, of skin markers"
-_MOST_TAKES = 4
-"""Of a person: those that last longest, as more say the same again."""
+_MOST_RECORDINGS = 4
+"""Recordings of one subject that are fitted, the longest ones; more add little."""
 _MOST_SHOWN = 20
-_REMEDY = "Leave the motion out that is wild."
+_REMEDY = "Leave out the motion that has wild values."
 
 
 @dataclass(frozen=True)
-class _Person:
+class _Subject:
     betas: tuple[float, ...]
     files: tuple[Path, ...]
     digests: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class _Told:
-    """Of one person, as it is kept for a training that goes on."""
+class _SubjectFit:
+    """Fits of one subject's regions; a checkpoint, from which a training can resume."""
 
     estimates: dict[str, Estimate]
     refused: dict[str, str]
-    """Why, by the names of files."""
+    """Reasons by file."""
     betas: list[float]
     """(10,) of the body that was fitted."""
 
 
 def train_on_markers(run: Run, folder: Path) -> None:
-    """Fit `dsnet_plus`, the run's or the package's, to the people of a folder."""
-    own = load_model(run, NAME) if run.finished(TRAIN_PLUS) else None
-    gender, people, refused = people_of(folder, own and own.body.gender)
-    base = own or load_model(None, NAME, gender)
-    notify(
-        f"{folder}: {len(people)} people ({gender}), {sum(len(p.files) for p in people)} motions"
-    )
+    """Fit `dsnet_plus`, the run's or the packaged one, to the subjects of a folder."""
+    of_run = load_model(run, NAME) if run.finished(TRAIN_PLUS) else None
+    gender, subjects, refused = subjects_of(folder, of_run and of_run.body.gender)
+    base = of_run or load_model(None, NAME, gender)
+    motions = sum(len(subject.files) for subject in subjects)
+    notify(f"{folder}: {len(subjects)} people ({gender}), {motions} motions")
     run.build(
         TRAIN_MARKERS,
-        {"people": [person.digests for person in people]},
-        lambda writer: _make(writer, base, gender, people, refused),
+        {"people": [subject.digests for subject in subjects]},
+        lambda writer: _make(writer, base, gender, subjects, refused),
         data="licensed",
-        upstream=base.artifacts if own else {"packaged": base.artifacts[TRAIN_PLUS]},
+        upstream=base.artifacts if of_run else {"packaged": base.artifacts[TRAIN_PLUS]},
     )
 
 
-def people_of(folder: Path, gender: str | None) -> tuple[str, list[_Person], dict[str, str]]:
-    """The people of a gender whose motions have markers, and why other files are left out.
+def subjects_of(folder: Path, gender: str | None) -> tuple[str, list[_Subject], dict[str, str]]:
+    """Find the subjects of a folder whose motions have markers, all of one gender.
 
-    Without a gender, that of most people. Who has another shape is another person.
+    Motions with other betas are taken as another subject's.
+
+    Parameters
+    ----------
+    gender : of the subjects; None for the gender of most subjects.
+
+    Returns
+    -------
+    The gender, its subjects, and the reason why each other file is left out.
+
+    Raises
+    ------
+    DsnetError
+        If the folder does not exist or has no such motion.
     """
     if not folder.is_dir():
         raise DsnetError(f"--markers {folder}", "a folder of motions with markers", "Check it.")
-    found: dict[tuple[str, tuple[float, ...]], dict[str, Path]] = {}
+    files_of: dict[tuple[str, tuple[float, ...]], dict[str, Path]] = {}
     refused: dict[str, str] = {}
     digests: set[str] = set()
     for path in progress(files_below(folder), what="looking", unit="file"):
@@ -91,66 +103,66 @@ def people_of(folder: Path, gender: str | None) -> tuple[str, list[_Person], dic
                 refused[str(path)] = "the same recording again"
             else:
                 motion = read_motion_file(path)
-                who = motion.gender, tuple(motion.betas.round(4).tolist())
-                found.setdefault(who, {})[digest] = markers
+                subject = motion.gender, tuple(motion.betas.round(4).tolist())
+                files_of.setdefault(subject, {})[digest] = markers
                 digests.add(digest)
         except DsnetError as error:
-            refused[str(path)] = _why(path, error)
-    counts = Counter(stated for stated, _ in found)
+            refused[str(path)] = _reason(path, error)
+    counts = Counter(gender_of_file for gender_of_file, _ in files_of)
     chosen = gender or max(("female", "male"), key=lambda one: counts[one])
     other = {"female": "male", "male": "female"}.get(chosen, "")
     refused |= {
-        str(f): f"of a {other} body"
-        for (g, _), fs in found.items()
-        if g == other
-        for f in fs.values()
+        str(file): f"of a {other} body"
+        for (gender_of_file, _), files in files_of.items()
+        if gender_of_file == other
+        for file in files.values()
     }
-    people = [
-        _Person(betas, tuple(files.values()), tuple(files))
-        for (stated, betas), files in found.items()
-        if stated != other
+    subjects = [
+        _Subject(betas, tuple(files.values()), tuple(files))
+        for (gender_of_file, betas), files in files_of.items()
+        if gender_of_file != other
     ]
-    if not people:
+    if not subjects:
         why = _counted(refused.values()) or "no motion"
         raise DsnetError(
             f"--markers {folder}, with {why}",
             f"motions of {chosen} bodies with skin markers",
             "AMASS's SMPL-H release has marker_data; a C3D lies beside its pose.",
         )
-    return chosen, people, refused
+    return chosen, subjects, refused
 
 
 def _make(
     writer: ArtifactWriter,
     base: TrainedModel,
     gender: str,
-    people: Sequence[_Person],
+    subjects: Sequence[_Subject],
     refused: Mapping[str, str],
 ) -> None:
     body, model = base.body, TrainedPlus.load(base.artifacts[TRAIN_PLUS])
-    kept = [(one, writer.checkpoints / f"{json_sha256(one.digests)}.json") for one in people]
+    items = [(one, writer.checkpoints / f"{json_sha256(one.digests)}.json") for one in subjects]
     with worker_pool("processes", (body, model)) as pool:
-        fits = pool.map(_tell, kept)
-        told = [*progress(fits, what="fitting", unit="person", total=len(people))]
-    refused = {**refused, **{file: why for one in told for file, why in one.refused.items()}}
+        done = pool.map(_fit_or_resume, items)
+        fits = [*progress(done, what="fitting", unit="person", total=len(subjects))]
+    refused = {**refused, **{file: why for one in fits for file, why in one.refused.items()}}
     for file, why in [*refused.items()][:_MOST_SHOWN]:
         notify(f"left out: {file}: {why}")
     if len(refused) > _MOST_SHOWN:
         notify(f"left out: {len(refused)} files in all")
-    who = {part: [k for k, one in enumerate(told) if part in one.estimates] for part in SOFT}
+    rows_of = {part: [k for k, one in enumerate(fits) if part in one.estimates] for part in SOFT}
     fitted = {
-        part: share(part, [told[k].estimates[part] for k in rows])
-        for part, rows in who.items()
+        part: combine(part, [fits[k].estimates[part] for k in rows])
+        for part, rows in rows_of.items()
         if rows
     }
     if not any(one.told for one in fitted.values()):
         raise DsnetError(
-            f"markers of {len(people)} people that say nothing of their flesh "
+            f"markers of {len(subjects)} people that say nothing of their soft tissue "
             f"({_counted(refused.values()) or 'too little motion'})",
             "people who run, jump or dance, with LBUST, MBLLY, LBUM, LTHI or the like",
             "Pass other motions.",
         )
-    trained = _model(body, model, told, fitted, who)
+    trained = _model(body, model, fits, fitted, rows_of)
     refuse_nonfinite(trained.arrays(), FITTED, _REMEDY)
     save_weights(writer.file_path(f"{NAME}.safetensors"), trained.arrays())
     table = render("fitted.md.j2", parts=SOFT, fitted=fitted)
@@ -162,53 +174,60 @@ def _make(
         default=FITTED,
         gender=gender if base.owner.startswith("the packaged") else None,
         regions={part: asdict(one) for part, one in fitted.items()},
-        people=len(people),
+        people=len(subjects),
         left_out=len(refused),
         base=str(base.origin),
     )
 
 
-def _tell(tools: tuple[BodyModelData, TrainedPlus], item: tuple[_Person, Path]) -> _Told:
-    """One person's estimates; those of an earlier turn are taken."""
-    (body, model), (person, kept) = tools, item
-    if kept.is_file():
-        stored = json.loads(kept.read_text(encoding="utf-8"))
+def _fit_or_resume(
+    tools: tuple[BodyModelData, TrainedPlus], item: tuple[_Subject, Path]
+) -> _SubjectFit:
+    """Fit one subject, or read the fit from a checkpoint."""
+    (body, model), (subject, checkpoint) = tools, item
+    if checkpoint.is_file():
+        stored = json.loads(checkpoint.read_text(encoding="utf-8"))
         estimates = {part: Estimate(**one) for part, one in stored["estimates"].items()}
-        return _Told(estimates, stored["refused"], stored.get("betas", [*person.betas]))
-    takes: list[Take] = []
+        return _SubjectFit(estimates, stored["refused"], stored.get("betas", [*subject.betas]))
+    recordings: list[Recording] = []
     refused = {}
-    for file in person.files:
+    for file in subject.files:
         try:
-            takes.append(read_take(file, body))
+            recordings.append(read_recording(file, body))
         except DsnetError as error:
-            refused[str(file)] = _why(file, error)
-    takes = sorted(takes, key=lambda take: -len(take.motion.theta))[:_MOST_TAKES]
-    betas = takes[0].motion.betas.tolist() if takes else [*person.betas]
-    told = _Told(fit_person(body, model, takes) if takes else {}, refused, betas)
-    write_text_atomically(kept, json.dumps(asdict(told)))
-    return told
+            refused[str(file)] = _reason(file, error)
+    recordings = sorted(recordings, key=lambda one: -len(one.motion.theta))[:_MOST_RECORDINGS]
+    betas = recordings[0].motion.betas.tolist() if recordings else [*subject.betas]
+    estimates = fit_subject(body, model, recordings) if recordings else {}
+    fit = _SubjectFit(estimates, refused, betas)
+    write_text_atomically(checkpoint, json.dumps(asdict(fit)))
+    return fit
 
 
 def _model(
     body: BodyModelData,
     model: TrainedPlus,
-    people: Sequence[_Told],
-    fitted: Mapping[str, Fitted],
-    who: Mapping[str, list[int]],
+    fits: Sequence[_SubjectFit],
+    fitted: Mapping[str, RegionFit],
+    rows_of: Mapping[str, list[int]],
 ) -> TrainedPlus:
-    """What people share in the constants; each one's own frequency as that of a known person."""
+    """The base model with the population's constants, and the subjects as training subjects.
+
+    Each subject's residual has its own frequency.
+    """
     regions = {part: Region.of(body, model, part) for part in fitted}
-    told = {part: one for part, one in fitted.items() if one.told}
-    betas = np.array([person.betas for person in people], np.float32)
-    known = np.stack([shares_of_people(one, model.people_betas) for one in betas])
-    residual = np.tensordot(known, model.weights.residual, 1)
-    for part, one in told.items():
-        for row, own in zip(who[part], one.own, strict=True):
-            residual[row, :, 0] += regions[part].shares * (own[0] - one.change[0])
-    changed = with_changes(body, model, regions, {part: one.change for part, one in told.items()})
+    measured = {part: one for part, one in fitted.items() if one.told}
+    betas = np.array([fit.betas for fit in fits], np.float32)
+    shares = np.stack([shares_of_people(one, model.people_betas) for one in betas])
+    residual = np.tensordot(shares, model.weights.residual, 1)
+    for part, one in measured.items():
+        for row, change in zip(rows_of[part], one.own, strict=True):
+            residual[row, :, 0] += regions[part].softness * (change[0] - one.change[0])
+    changes = {part: one.change for part, one in measured.items()}
+    changed = with_changes(body, model, regions, changes)
     constant_m = model.static.constant_m
     if constant_m.size:
-        none = np.zeros((len(people), *constant_m.shape[1:]), np.float32)
+        none = np.zeros((len(fits), *constant_m.shape[1:]), np.float32)
         constant_m = np.concatenate([constant_m, none])
     return replace(
         changed,
@@ -222,9 +241,10 @@ def _joined(first: NDArray, second: NDArray) -> NDArray[np.float32]:
     return np.concatenate([first, second]).astype(np.float32)
 
 
-def _why(file: Path, error: DsnetError) -> str:
+def _reason(file: Path, error: DsnetError) -> str:
     return error.received.removeprefix(f"{file}, ")
 
 
 def _counted(reasons: Iterable[str]) -> str:
+    """The most frequent reasons with their counts."""
     return ", ".join(f"{count} {why}" for why, count in Counter(reasons).most_common(12))

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
+from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_recording
 from bridge import DsnetError
 from bridge.motion import load_motion
 from bridge.runs import Run
 from bridge.runs.run import TRAIN_MARKERS
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.fitting import train as markers_train
-from dsnet.fitting.train import FITTED, people_of, train_on_markers
+from dsnet.fitting.train import FITTED, subjects_of, train_on_markers
 from dsnet.prediction.controls import root_joint_m
 from dsnet.prediction.load_model import load_model
 from dsnet.prediction.models import PlusModel
@@ -33,8 +33,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         motion = load_motion(Path("sample:jumping_jacks"))
         motion = replace(motion, betas=betas).about_root_joint(root_joint_m(base.body, betas))
         theta = np.asarray(motion.theta[:150], np.float64)
-        write_take(out / f"take{number}.npz", PlusModel(model, base.body), base.body, betas, theta,
-                   np.random.default_rng(number))  # fmt: skip
+        write_recording(out / f"take{number}.npz", PlusModel(model, base.body), base.body, betas,
+                        theta, np.random.default_rng(number))  # fmt: skip
     stored = dict(np.load(out / "take0.npz"))
     np.savez(out / "bare.npz", **{k: v for k, v in stored.items() if "marker" not in k})
     np.savez(out / "unnamed.npz", **{**stored, "marker_labels": np.array(["*1"] * 27)})
@@ -43,7 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_people_are_told_apart_and_the_rest_is_left_out(folder: Path) -> None:
-    gender, people, refused = people_of(folder, None)
+    gender, people, refused = subjects_of(folder, None)
     assert gender == "female"
     # The unnamed markers are beside the pose of the first woman: refused when they are read.
     assert [len(person.files) for person in people] == [2, 1]
@@ -51,7 +51,7 @@ def test_people_are_told_apart_and_the_rest_is_left_out(folder: Path) -> None:
     assert set(why) == {"bare.npz", "damaged.npz", "take2.npz"}
     assert why["bare.npz"] == "no markers"
     assert why["take2.npz"] == "of a male body"
-    assert people_of(folder, "male")[0] == "male"
+    assert subjects_of(folder, "male")[0] == "male"
 
 
 def test_a_run_learns_and_predicts(
@@ -88,7 +88,7 @@ def test_a_run_learns_and_predicts(
 def test_a_person_who_was_fitted_is_not_fitted_again(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _, people, _ = people_of(folder, None)
+    _, people, _ = subjects_of(folder, None)
     base = load_model(None, None, "female")
     tools = base.body, packaged("female")
     fits = []
@@ -97,17 +97,19 @@ def test_a_person_who_was_fitted_is_not_fitted_again(
         fits.append(arguments)
         return {}
 
-    monkeypatch.setattr(markers_train, "fit_person", fit)
-    first, again = (markers_train._tell(tools, (people[1], tmp_path / "kept.json")) for _ in "12")
+    monkeypatch.setattr(markers_train, "fit_subject", fit)
+    first, again = (
+        markers_train._fit_or_resume(tools, (people[1], tmp_path / "kept.json")) for _ in "12"
+    )
     assert len(fits) == 1
     assert first == again
 
 
 def test_a_folder_without_anybody_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DsnetError, match="no motion"):
-        people_of(tmp_path, None)
+        subjects_of(tmp_path, None)
     with pytest.raises(DsnetError, match="a folder of motions"):
-        people_of(tmp_path / "none", None)
+        subjects_of(tmp_path / "none", None)
 
 
 def test_markers_and_predictors_exclude_one_another(tmp_path: Path) -> None:

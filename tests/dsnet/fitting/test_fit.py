@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
+from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_recording
 from bridge import DsnetError
 from bridge.body import BodyModelData
 from bridge.motion import Motion, load_motion
@@ -18,8 +18,8 @@ from bridge.motion.readers.amass import motion_path
 from bridge.tissue.oscillators import coupling
 from bridge.tissue.shape import shaped_normals
 from bridge.tissue.trained_plus import TrainedPlus
-from dsnet.fitting.evidence import driving_load, liveliest, read_take
-from dsnet.fitting.fit import PEOPLE_SD, PRELOAD, Estimate, fit_person
+from dsnet.fitting.evidence import driving_load, liveliest, read_recording
+from dsnet.fitting.fit import PEOPLE_SD, PRELOAD, Estimate, fit_subject
 from dsnet.fitting.flesh_patch import (
     Patch,
     Region,
@@ -30,8 +30,8 @@ from dsnet.fitting.flesh_patch import (
     preload_of,
     with_changes,
 )
-from dsnet.fitting.population import share
-from dsnet.fitting.train import people_of
+from dsnet.fitting.population import combine
+from dsnet.fitting.train import subjects_of
 from dsnet.markers.registration import SOFT
 from dsnet.prediction.controls import root_joint_m
 from dsnet.prediction.load_model import load_model
@@ -73,7 +73,7 @@ def test_what_a_fit_rolls_is_what_the_product_steps(
     load = driving_load(model, body, replace(jumping, theta=np.asarray(jumping.theta, np.float64)))
     soft = Region.of(body, model, "chest").typical.argsort()[-10:]
     flesh = Patch(columns, coupled, normals, her["normal_ratio"])
-    (rolled,) = flesh.roll([load], [np.eye(len(nodes))[soft]])
+    (rolled,) = flesh.simulate([load], [np.eye(len(nodes))[soft]])
     stepped = codes.transpose(0, 2, 1)[:, soft]
     assert np.ptp(stepped[..., 1]) > 0.05
     error = np.square(rolled[..., 0] - stepped).sum() / np.square(stepped).sum()
@@ -84,14 +84,14 @@ def test_changes_are_of_the_region_alone(body: BodyModelData, base: TrainedPlus)
     region = Region.of(body, base, "chest")
     model = with_changes(body, base, {"chest": region}, {"chest": [0.3, -0.2, float(logit(2.2))]})
     before, after = (constants_of(body, one, np.zeros(10)) for one in (base, model))
-    soft, far = region.shares > 0.9, region.shares == 0
+    soft, far = region.softness > 0.9, region.softness == 0
     assert soft.sum() > 5
     np.testing.assert_allclose(
-        np.log(after["omega"] / before["omega"]), 0.3 * region.shares, atol=1e-5
+        np.log(after["omega"] / before["omega"]), 0.3 * region.softness, atol=1e-5
     )
     for name in ("omega", "damping_ratio", "stiffening", "sag", "wave_speed"):
         np.testing.assert_allclose(after[name][far], before[name][far], rtol=1e-5)
-    whole = region.shares > 0.999
+    whole = region.softness > 0.999
     hung = after["sag"] * after["omega"] ** 2 / 9.81
     np.testing.assert_allclose(hung[whole], 2.2, rtol=1e-3)
 
@@ -113,13 +113,13 @@ def test_one_womans_chest_is_found_on_a_pose_that_swallowed_it(
     tmp_path: Path, body: BodyModelData, base: TrainedPlus, jumping: Motion
 ) -> None:
     true = flesh_model(body, base, {"chest": CHEST})
-    bounce_m = write_take(
+    bounce_m = write_recording(
         tmp_path / "jacks.npz", PlusModel(true, body), body, BETAS,
         np.asarray(jumping.theta[:130], np.float64), np.random.default_rng(3), swallows=True,
     )  # fmt: skip
     assert bounce_m > 0.04
-    take = read_take(tmp_path / "jacks.npz", body)
-    found = fit_person(body, base, [take])
+    recording = read_recording(tmp_path / "jacks.npz", body)
+    found = fit_subject(body, base, [recording])
     assert {"chest", "belly", "buttocks", "thighs", "calves"} == set(found)
     assert not found["chest"].doubt
     assert "indicative" in found["thighs"].doubt
@@ -132,7 +132,7 @@ def test_one_womans_chest_is_found_on_a_pose_that_swallowed_it(
     assert off[0] < 0.06
     assert off[1] < 0.12
     assert found["chest"].left < 0.02
-    shared = share("chest", [found["chest"]])
+    shared = combine("chest", [found["chest"]])
     assert shared.told
     for name, true_value in (("damping_ratio", CHEST.damping_ratio), ("preload", CHEST.preload)):
         _, low, high = getattr(shared, name)
@@ -158,7 +158,7 @@ def test_intervals_of_what_people_share_hold_the_truth() -> None:
     rng, held, off = np.random.default_rng(5), [], []
     for _ in range(60):
         mean = np.array([rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), float(logit(1.8))])
-        found = share("chest", estimates(12, rng, mean))
+        found = combine("chest", estimates(12, rng, mean))
         truth = (3.5 * np.exp(mean[0]), 0.2 * np.exp(mean[1]), 1.8)
         for name, value in zip(("frequency_hz", "damping_ratio", "preload"), truth, strict=True):
             _, low, high = getattr(found, name)
@@ -172,7 +172,7 @@ def test_intervals_of_what_people_share_hold_the_truth() -> None:
 def test_who_says_little_leaves_what_was_assumed() -> None:
     nothing = Estimate([0.5, 0.5, 0.0], (1e-3 * np.eye(3)).tolist(), [0.0, 0.0, 0.0],
                        [np.log(3.5), np.log(0.2)], 1.0, 3.0, 1, 1.0, "")  # fmt: skip
-    found = share("chest", [nothing])
+    found = combine("chest", [nothing])
     assert not found.told
     assert found.frequency_hz[0] == pytest.approx(3.5, rel=0.02)
 
@@ -182,7 +182,7 @@ def test_doubt_widens() -> None:
     doubted = [replace(one, doubt="indicative: on flesh") for one in sure]
     widths = [
         found.frequency_hz[2] - found.frequency_hz[1]
-        for found in (share("thighs", sure), share("thighs", doubted))
+        for found in (combine("thighs", sure), combine("thighs", doubted))
     ]
     assert widths[1] > 1.2 * widths[0]
 
@@ -198,32 +198,32 @@ def test_the_liveliest_part_of_a_long_motion_is_fitted(jumping: Motion) -> None:
     assert frames.stop - frames.start <= 8 * 60
 
 
-def test_a_take_in_pieces_is_refused(
+def test_a_recording_in_pieces_is_refused(
     tmp_path: Path, body: BodyModelData, base: TrainedPlus, jumping: Motion
 ) -> None:
     theta = np.array(jumping.theta, np.float64)
-    write_take(tmp_path / "cut.npz", PlusModel(base, body), body, BETAS, theta,
-               np.random.default_rng(0))  # fmt: skip
+    write_recording(tmp_path / "cut.npz", PlusModel(base, body), body, BETAS, theta,
+                    np.random.default_rng(0))  # fmt: skip
     stored = dict(np.load(tmp_path / "cut.npz"))
     for first in (80, 160):
         stored["trans"][first:, 0] += 3.0
         stored["marker_data"][first:, :, 0] += 3.0
     np.savez(tmp_path / "cut.npz", **stored)
     with pytest.raises(DsnetError, match="without a cut"):
-        read_take(tmp_path / "cut.npz", body)
+        read_recording(tmp_path / "cut.npz", body)
 
 
 def test_betas_of_another_body_model_give_way_to_markers(
     tmp_path: Path, body: BodyModelData, base: TrainedPlus, jumping: Motion
 ) -> None:
-    write_take(tmp_path / "a.npz", PlusModel(base, body), body, BETAS,
-               np.asarray(jumping.theta, np.float64), np.random.default_rng(0))  # fmt: skip
-    np.testing.assert_array_equal(read_take(tmp_path / "a.npz", body).motion.betas, BETAS)
+    write_recording(tmp_path / "a.npz", PlusModel(base, body), body, BETAS,
+                    np.asarray(jumping.theta, np.float64), np.random.default_rng(0))  # fmt: skip
+    np.testing.assert_array_equal(read_recording(tmp_path / "a.npz", body).motion.betas, BETAS)
     stored: dict[str, Any] = dict(np.load(tmp_path / "a.npz"))
     del stored["source"]
     stored["betas"] = np.full(16, -2.0)
     np.savez(tmp_path / "a.npz", **stored)
-    fitted = read_take(tmp_path / "a.npz", body).motion.betas
+    fitted = read_recording(tmp_path / "a.npz", body).motion.betas
     assert np.abs(fitted - BETAS)[:2].max() < 0.3
 
 
@@ -236,30 +236,30 @@ def test_the_same_recording_counts_once(tmp_path: Path) -> None:
     np.savez(tmp_path / "jacks_stageii.npz", **{**pose, "betas": np.full(16, 0.3)})
     for name in ("one.npz", "two.npz"):
         np.savez(tmp_path / name, **pose, marker_data=np.ones((3, 5, 3)), marker_labels=labels)
-    _, (person,), refused = people_of(tmp_path, None)
+    _, (person,), refused = subjects_of(tmp_path, None)
     assert [file.name for file in person.files] == ["jacks.c3d", "one.npz"]
     assert {Path(file).name: why for file, why in refused.items()} == dict.fromkeys(
         ("jacks_stageii.npz", "two.npz"), "the same recording again"
     )
 
 
-def test_takes_have_no_markers_that_lie_off_the_skin(
+def test_recordings_have_no_markers_that_lie_off_the_skin(
     tmp_path: Path,
     body: BodyModelData,
     base: TrainedPlus,
     jumping: Motion,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    write_take(tmp_path / "a.npz", PlusModel(base, body), body, BETAS,
-               np.asarray(jumping.theta, np.float64), np.random.default_rng(0))  # fmt: skip
+    write_recording(tmp_path / "a.npz", PlusModel(base, body), body, BETAS,
+                    np.asarray(jumping.theta, np.float64), np.random.default_rng(0))  # fmt: skip
     stored: dict[str, Any] = dict(np.load(tmp_path / "a.npz"))
     labels = stored["marker_labels"].tolist()
     bust, ankle = labels.index("LBUST"), labels.index("LANK")
     labels[bust], labels[ankle] = labels[ankle], labels[bust]
     np.savez(tmp_path / "a.npz", **{**stored, "marker_labels": labels})
-    take = read_take(tmp_path / "a.npz", body)
+    recording = read_recording(tmp_path / "a.npz", body)
     assert "a.npz: markers left out: LBUST, 1" in capsys.readouterr().err
-    assert "LBUST" not in {*take.registered.vertices, *take.registered.cloud.points_m}
+    assert "LBUST" not in {*recording.registered.vertices, *recording.registered.cloud.points_m}
 
 
 def test_a_rate_at_which_nobody_falls_is_refused(
@@ -268,11 +268,11 @@ def test_a_rate_at_which_nobody_falls_is_refused(
     """AMASS's own sample says twice its rate: at that its flesh would seem four times as stiff."""
     theta = np.asarray(jumping.theta, np.float64)
     whole = np.concatenate([theta, theta[::-1]])
-    write_take(tmp_path / "a.npz", PlusModel(base, body), body, BETAS, whole,
-               np.random.default_rng(0))  # fmt: skip
-    assert read_take(tmp_path / "a.npz", body)
+    write_recording(tmp_path / "a.npz", PlusModel(base, body), body, BETAS, whole,
+                    np.random.default_rng(0))  # fmt: skip
+    assert read_recording(tmp_path / "a.npz", body)
     stored: dict[str, Any] = dict(np.load(tmp_path / "a.npz"))
     stored["mocap_framerate"] = np.array(120.0)
     np.savez(tmp_path / "a.npz", **stored)
     with pytest.raises(DsnetError, match=r"times gravity at its 120 fps; expected its true rate"):
-        read_take(tmp_path / "a.npz", body)
+        read_recording(tmp_path / "a.npz", body)
