@@ -22,10 +22,10 @@ from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_re
 from bridge.body import BodyModelData
 from bridge.runs.workers import worker_pool
 from bridge.tissue.trained_plus import NAME, TrainedPlus
-from dsnet.fitting import evidence
+from dsnet.fitting import recording
 from dsnet.fitting.fit import Estimate, fit_subject
-from dsnet.fitting.flesh_patch import Region, constants_of, logit, preload_of
 from dsnet.fitting.population import combine
+from dsnet.fitting.tissue_patch import Region, constants_of, logit, preload_of
 from dsnet.markers.registration import SOFT, SPOTS
 from dsnet.prediction.load_model import load_model
 from dsnet.prediction.models import PlusModel
@@ -122,18 +122,18 @@ def one_woman(
                 write_recording(
                     file, PlusModel(true, body), body, betas, theta, rng, mode != MODES[0]
                 )
-            with_bone: Callable = evidence.bone_motion
+            with_bone: Callable = recording.bone_motion
             try:
                 if mode != MODES[2]:
-                    evidence.bone_motion = lambda body, motion, *_: motion
-                read = [_chest_alone(evidence.read_recording(file, body)) for file in files]
+                    recording.bone_motion = lambda body, motion, *_: motion
+                read = [_chest_alone(recording.read_recording(file, body)) for file in files]
                 fits[mode] = fit_subject(body, base, read)["chest"]
             finally:
-                evidence.bone_motion = with_bone
+                recording.bone_motion = with_bone
     return truth, fits
 
 
-def _chest_alone(one: evidence.Recording) -> evidence.Recording:
+def _chest_alone(one: recording.Recording) -> recording.Recording:
     """Without the other soft markers."""
     soft = {label for label, spot in SPOTS.items() if spot.flesh}
     vertices = {

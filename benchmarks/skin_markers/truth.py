@@ -23,7 +23,7 @@ from bridge.motion import pack_theta, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.runs.run import TRAIN_PLUS
 from bridge.tissue.trained_plus import TrainedPlus
-from dsnet.fitting.flesh_patch import Region, logit, with_changes
+from dsnet.fitting.tissue_patch import Region, logit, with_changes
 from dsnet.prediction.load_model import load_model
 from dsnet.prediction.models import PlusModel, codes_of
 

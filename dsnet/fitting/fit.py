@@ -20,8 +20,8 @@ from bridge.body import BodyModelData
 from bridge.tissue.oscillators import coupling
 from bridge.tissue.shape import shaped_normals
 from bridge.tissue.trained_plus import TrainedPlus
-from dsnet.fitting.evidence import Clip, Recording, Series, clip_to_fit
-from dsnet.fitting.flesh_patch import (
+from dsnet.fitting.recording import Clip, Recording, Series, clip_to_fit
+from dsnet.fitting.tissue_patch import (
     Patch,
     Region,
     changed,

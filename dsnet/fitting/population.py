@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bridge.tissue.oscillators import GRAVITY_M_S2
 from dsnet.fitting.fit import PEOPLE_SD, POPULATION_SD, PRELOAD, Estimate
-from dsnet.fitting.flesh_patch import logit, logit_slope, preload_of
+from dsnet.fitting.tissue_patch import logit, logit_slope, preload_of
 
 _ROUNDS = 50
 _PRIOR_COUNT = 4.0

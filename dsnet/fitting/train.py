@@ -21,10 +21,10 @@ from bridge.runs.files import json_sha256, sha256_of, write_text_atomically
 from bridge.runs.run import TRAIN_MARKERS, TRAIN_PLUS
 from bridge.runs.workers import progress, worker_pool
 from bridge.tissue.trained_plus import NAME, TrainedPlus, shares_of_people
-from dsnet.fitting.evidence import Recording, read_recording
 from dsnet.fitting.fit import Estimate, fit_subject
-from dsnet.fitting.flesh_patch import Region, with_changes
 from dsnet.fitting.population import RegionFit, combine
+from dsnet.fitting.recording import Recording, read_recording
+from dsnet.fitting.tissue_patch import Region, with_changes
 from dsnet.markers.marker_files import marker_file
 from dsnet.markers.registration import SOFT
 from dsnet.prediction.load_model import TrainedModel, load_model

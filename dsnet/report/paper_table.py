@@ -58,7 +58,7 @@ def compare(measured: Mapping[str, Measured]) -> list[dict[str, str]]:
 
 
 def verdict(number: PaperNumber, ours: Measured) -> str:
-    """`same` for equal numbers in a stated unit, else `differs: <reason>`."""
+    """`same` for equal numbers in a stated unit, `differs: <reason>`, or `paper does not say`."""
     if number.value is None:
         return "paper does not say"
     if ours.value == number.value and number.unit != UNSTATED:

@@ -18,9 +18,10 @@ from bridge.motion.readers.amass import motion_path
 from bridge.tissue.oscillators import coupling
 from bridge.tissue.shape import shaped_normals
 from bridge.tissue.trained_plus import TrainedPlus
-from dsnet.fitting.evidence import driving_load, liveliest, read_recording
 from dsnet.fitting.fit import PEOPLE_SD, PRELOAD, Estimate, fit_subject
-from dsnet.fitting.flesh_patch import (
+from dsnet.fitting.population import combine
+from dsnet.fitting.recording import driving_load, liveliest, read_recording
+from dsnet.fitting.tissue_patch import (
     Patch,
     Region,
     changed,
@@ -30,7 +31,6 @@ from dsnet.fitting.flesh_patch import (
     preload_of,
     with_changes,
 )
-from dsnet.fitting.population import combine
 from dsnet.fitting.train import subjects_of
 from dsnet.markers.registration import SOFT
 from dsnet.prediction.controls import root_joint_m

@@ -1,4 +1,4 @@
-"""Requests survive the disk, and an engine that stumbles says so and goes on."""
+"""Requests are read as they were written; a case that fails does not stop the engine."""
 
 from __future__ import annotations
 
@@ -55,20 +55,20 @@ def test_arrays_come_in_the_cases_precision_and_start_from_the_same_numbers(tmp_
 def test_a_case_that_raises_is_an_answer_and_the_others_go_on(tmp_path):
     odd, never = Check("odd", "no_such_operation", {}), Check("never asked", "smpl", {})
     write_requests(tmp_path / "request", {"numpy": [STREAM, odd]})
-    said = run_engine("numpy", tmp_path / "request", tmp_path / "out")
-    assert not said.failure
-    assert set(said.errors) == {"bad.float64", "odd.float64"}
-    assert "offsets" in said.why_missing(STREAM, "float64")
-    assert "no_such_operation" in said.why_missing(odd, "float64")
-    assert "left this case out" in said.why_missing(never, "float64")
+    result = run_engine("numpy", tmp_path / "request", tmp_path / "out")
+    assert not result.failure
+    assert set(result.errors) == {"bad.float64", "odd.float64"}
+    assert "offsets" in result.why_missing(STREAM, "float64")
+    assert "no_such_operation" in result.why_missing(odd, "float64")
+    assert "left this case out" in result.why_missing(never, "float64")
     assert json.loads((tmp_path / "out" / "answer.json").read_text())["versions"]["numpy"]
 
 
 def test_an_engine_that_dies_is_an_answer(tmp_path, monkeypatch):
     monkeypatch.setitem(ENGINES, "torch", "no_such_module")
-    said = run_engine("torch", tmp_path, tmp_path / "out")
-    assert "no_such_module" in said.why_missing(STREAM, "float64")
-    assert "\n" not in said.failure
+    result = run_engine("torch", tmp_path, tmp_path / "out")
+    assert "no_such_module" in result.why_missing(STREAM, "float64")
+    assert "\n" not in result.failure
 
 
 def test_the_reference_and_what_is_deployed_load_no_framework():

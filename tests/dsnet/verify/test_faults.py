@@ -1,4 +1,4 @@
-"""Each classical mistake is found and its place named; without a mistake all passes."""
+"""Each planted mistake is found and located; without a mistake all checks pass."""
 
 from __future__ import annotations
 
