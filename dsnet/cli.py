@@ -169,6 +169,8 @@ def _take(options: list[str], flag: str) -> str | None:
 
 def _overview() -> str:
     lines = [
+        "Predict how the soft tissue of a moving SMPL body deforms.",
+        "",
         "usage: dsnet COMMAND [OPTIONS]",
         "       dsnet help COMMAND",
         f"       dsnet --completion {'|'.join(SHELLS)}",

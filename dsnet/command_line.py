@@ -26,8 +26,8 @@ class CommonOptions:
     """What every command has besides the fields of its configuration."""
 
     profile: Profile = "demo"
-    """What the other options default to, --run too: `smoke` is for a try, `demo` takes minutes,
-    `paper` hours."""
+    """Defaults of the other options, --run too: `smoke` for a try, `demo` for minutes of training,
+    `paper` for hours at the paper's sizes."""
     engine: Literal["local", "ray"] = "local"
     """Where work in parallel runs: on this machine, or on the nodes of a Ray cluster."""
     address: str | None = None

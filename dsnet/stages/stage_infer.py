@@ -52,7 +52,7 @@ class InferConfig:
     amass: Path | None = None
     """Folder of AMASS files or BVHs in place of the corpus's MoSh-like motions: docs/data.md."""
     amass_fps: PositiveFloat | None = None
-    """Frames per second of these files, where what they say of themselves is wrong."""
+    """Frame rate of these files in frames per second, where they have a wrong one."""
 
 
 PROFILES = {name: InferConfig(run=name) for name in ("smoke", "demo", "paper")}

@@ -54,9 +54,9 @@ class Pace:
     """How a training goes through its frames, and how often it is judged."""
 
     seed: Seed = 0
-    """Decides the split, the weights' beginning and the order of frames."""
+    """Seed of the split, the initial weights and the order of frames."""
     steps: NonNegativeInt = 0
-    """Optimiser steps; 0: as many as `epochs` make."""
+    """Optimiser steps; 0: as many as --epochs make."""
     batch_size: Fixed[PositiveInt] = 64
     """Frames a step; the paper's is 64."""
     validate_every: Fixed[NonNegativeInt] = 0
