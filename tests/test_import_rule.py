@@ -53,7 +53,7 @@ THIRD_PARTIES = {
         "synthetic": {"h5py", "numpy", "scipy", "tyro"},
         "evaluation": {"numpy", "scipy"},
         "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy", "tyro"},
-        "markers": {"numpy", "scipy"},
+        "markers": {"matplotlib", "numpy", "scipy"},
         "prediction": {"numpy", "onnx", "scipy", "trimesh"},
         "stream": {"numpy"},
         "fitting": {"numpy", "scipy"},
@@ -63,7 +63,7 @@ THIRD_PARTIES = {
         },
         "view": {"numpy", "scipy"},
         "verify": {"numpy", "tyro"},
-        "stages": {"matplotlib", "numpy", "tyro"},
+        "stages": {"numpy", "tyro"},
     },
 }  # fmt: skip
 NAMES_MODULES = {

@@ -18,10 +18,10 @@ from bridge.motion.resampling import load_motion
 from bridge.options import PositiveFloat
 from bridge.paper import FPS
 from dsnet.markers.bone_pose import bone_motion
+from dsnet.markers.comparison_files import write_comparisons
 from dsnet.markers.marker_files import markers_of
 from dsnet.markers.registration import register
 from dsnet.markers.skin import compare_offsets
-from dsnet.stages.stage_evaluate import write_comparisons
 from dsnet.synthetic.simulation import TissueSimulator
 
 

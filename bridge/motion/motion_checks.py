@@ -112,7 +112,7 @@ def _posture(motion: Motion) -> str | None:
     above_m = float(np.median(height_m - height_m.min()))
     posture = None
     if _uprightness(motion.pose) < _LYING:
-        posture = "hangs head down" if hangs(motion.pose) else "lies or bends down"
+        posture = "hangs head down" if is_head_down(motion.pose) else "lies or bends down"
     elif above_m > _FLYING_M:
         posture = f"is {above_m:.1f} m above its lowest place"
     if posture is None:
@@ -120,7 +120,7 @@ def _posture(motion: Motion) -> str | None:
     return f"{motion.source} {posture} for most of it: if it should not, --up says its vertical"
 
 
-def hangs(pose: NDArray[np.floating]) -> bool:
+def is_head_down(pose: NDArray[np.floating]) -> bool:
     """Whether a body is head down for most of a motion's pose (T, 22, 3), y up."""
     return _uprightness(pose) < -_STANDING
 

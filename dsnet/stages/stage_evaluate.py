@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,17 +14,16 @@ from bridge.options import PositiveFloat
 from bridge.runs import Run
 from dsnet.evaluation.evaluation import evaluate_run
 from dsnet.markers.bone_pose import bone_motion
+from dsnet.markers.comparison_files import write_comparisons
 from dsnet.markers.marker_files import load_recording, markers_of
 from dsnet.markers.registration import register
-from dsnet.markers.segments import CUT_HZ
-from dsnet.markers.skin import BANDS_HZ, Comparison, Row, compare_offsets
+from dsnet.markers.skin import compare_offsets
 from dsnet.prediction.load_model import load_model
 from dsnet.prediction.moving_body import MovingBody, persons_root_joint_m
 from dsnet.prediction.out_folder import open_out_folder
 from dsnet.prediction.shape_space import with_betas_on
 
-_FOOTER = "markers: measured on a person; body and its flesh: a model"
-_OF_FILE, _BONY = "pose of the file", "pose whose chest follows markers on bone"
+_OF_FILE, _ON_BONE = "pose of the file", "pose whose chest follows markers on bone"
 
 
 @dataclass(frozen=True)
@@ -86,8 +83,8 @@ def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     registered = register(moving.body, motion, read)
     bodies = {_OF_FILE: moving}
     try:
-        bony = bone_motion(moving.body, motion, registered.cloud)
-        bodies[_BONY] = MovingBody(trained, bony)
+        on_bone = bone_motion(moving.body, motion, registered.cloud)
+        bodies[_ON_BONE] = MovingBody(trained, on_bone)
     except DsnetError as error:
         notify(f"the pose of the file alone is measured: {error}")
     with open_out_folder(out, "licensed", "evaluation of markers") as writer:
@@ -105,58 +102,3 @@ def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
             distance_mm={name: round(d, 1) for name, d in registered.distance_mm.items()},
         )
         writer.finish(config={"run": run and run.name}, upstream=trained.upstream)
-
-
-def write_comparisons(
-    path_of: Callable[[str], Path], comparisons: Mapping[str, Comparison], fps: float
-) -> None:
-    """Write `markers.json`, `markers.md` and `markers.png`.
-
-    Parameters
-    ----------
-    path_of : where a file of a name is written.
-    comparisons : of the same markers, by the pose that the body takes.
-    """
-    from dsnet.report.pages import render
-
-    rows = {name: comparison.summary() for name, comparison in comparisons.items()}
-    path_of("markers.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    page = render("markers.md.j2", comparisons=comparisons, cut_hz=CUT_HZ, bands_hz=BANDS_HZ)
-    path_of("markers.md").write_text(page, encoding="utf-8")
-    _draw(path_of("markers.png"), comparisons, fps)
-
-
-def _draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:
-    """Curves of the first marker of each region: one column for each pose."""
-    # Errors of a run need no pictures, whose libraries take longer to load than the rest.
-    from matplotlib.figure import Figure
-
-    from dsnet.report.panels import save_figure
-
-    first: dict[str, Row] = {}
-    for row in next(iter(comparisons.values())).rows:
-        first.setdefault(row.region, row)
-    figure = Figure(
-        figsize=(5.2 * len(comparisons), 1.3 * len(first) + 0.9), dpi=150, layout="constrained"
-    )
-    figure.suptitle("Skin markers and prediction, vertical, in the segment's frame", fontsize=11)
-    figure.supxlabel(f"time [s]\n{_FOOTER}", fontsize=8)
-    axes = figure.subplots(len(first), len(comparisons), squeeze=False, sharex=True, sharey="row")
-    for column, (name, comparison) in enumerate(comparisons.items()):
-        axes[0, column].set_title(name, fontsize=10, pad=18)  # the legend lies between
-        for line, row in enumerate(first.values()):
-            if (curves := comparison.curves.get(row.label)) is None:
-                continue
-            times = np.arange(len(curves.real)) / fps
-            real = np.where(curves.good, curves.real, np.nan)
-            axis = axes[line, column]
-            axis.plot(times, real, color="black", linewidth=1.6, label="marker")
-            axis.plot(times, curves.pose, ":", color="#777777", label="pose alone")
-            axis.plot(times, curves.total, color="#D55E00", linewidth=1.1, label="with offsets")
-            axis.tick_params(labelsize=7)
-            if not column:
-                star = "*" if row.doubt else ""
-                axis.set_ylabel(f"{row.region}{star}\n{row.label} [mm]", fontsize=7)
-    place = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
-    axes[0, 0].legend(fontsize=7, ncols=3, frameon=False, **place)
-    save_figure(figure, path)

@@ -24,7 +24,7 @@ from bridge.errors import DsnetError, notify
 from bridge.exchange.weights import load_checkpoint, save_checkpoint
 from bridge.motion import MotionSequence, to_manifest, unpack_theta
 from bridge.motion.cuts import repeated_frames
-from bridge.motion.motion_checks import MOST_FALL_G, hangs, steepest_fall_g
+from bridge.motion.motion_checks import MOST_FALL_G, is_head_down, steepest_fall_g
 from bridge.paper import THETA_SIZE
 from bridge.runs import ArtifactWriter
 from bridge.runs.files import ArrayFile, arrays_sha256, is_written, json_sha256, mark_written
@@ -119,7 +119,7 @@ class AlignedFiles:
                 f"{name} repeats {repeated.sum()} of its {len(repeated)} meshes while the body"
                 f" moves, first number {repeated.argmax()}: cut it there"
             )
-        if hangs(pose):
+        if is_head_down(pose):
             yield f"{name} hangs head down for most of it: y of its meshes may point down"
         if (off_m := self.frame_error.read(rows).mean()) > close_m:
             yield (

@@ -16,11 +16,11 @@ from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.motion import unpack_theta
 from bridge.motion.theta import pack_theta
 from dsnet.markers.bone_pose import bone_motion
+from dsnet.markers.comparison_files import write_comparisons
 from dsnet.markers.registration import Registered, register
 from dsnet.markers.segments import Pose
 from dsnet.markers.skin import Comparison, compare_offsets
 from dsnet.stages import stage_evaluate
-from dsnet.stages.stage_evaluate import write_comparisons
 from tests.forged.amass import save, smplh
 from tests.forged.markers import VERTICES, Known, marker_file, markers_in, sampled
 

@@ -311,7 +311,7 @@ def test_whose_body_it_is_says_the_file_or_its_shapes(
 ) -> None:
     motion = amass.read(save(target, arrays))
     assert motion.kind == kind
-    assert not any("not known" in note for note in motion.notes)
+    assert not any("unknown kind" in note for note in motion.notes)
 
 
 @pytest.mark.parametrize(
@@ -320,7 +320,7 @@ def test_whose_body_it_is_says_the_file_or_its_shapes(
 def test_a_body_that_is_not_known_is_told(target: Path, said: dict[str, Any]) -> None:
     motion = amass.read(save(target, CODECS | said))
     assert motion.kind is None
-    assert any(f"not known ({next(iter(said))} " in note for note in motion.notes)
+    assert any(f"unknown kind of body ({next(iter(said))} " in note for note in motion.notes)
 
 
 @pytest.mark.parametrize(
