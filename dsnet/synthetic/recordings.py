@@ -196,10 +196,10 @@ def _subjects_of_kind(
     return (trained[row % len(trained)],), (new[row % len(new)],)
 
 
-def _check_names(motions: tuple[str, ...], known: Iterable[str]) -> None:
-    if unknown := sorted(set(motions) - set(known)):
-        remedy = did_you_mean(unknown[0], known, "Check their names.")
-        raise DsnetError(f"motions {', '.join(unknown)}", f"among {', '.join(known)}", remedy)
+def _check_names(motions: tuple[str, ...], allowed: Iterable[str]) -> None:
+    if unknown := sorted(set(motions) - set(allowed)):
+        remedy = did_you_mean(unknown[0], allowed, "Check their names.")
+        raise DsnetError(f"motions {', '.join(unknown)}", f"among {', '.join(allowed)}", remedy)
     if repeated := sorted({motion for motion in motions if motions.count(motion) > 1}):
         received = f"motions {', '.join(repeated)} more than once"
         raise DsnetError(received, "each once", "Leave out the second.")
