@@ -1,4 +1,4 @@
-"""The PyTorch half of dsnet: from meshes to offsets to latents, and back."""
+"""Alignment, the mesh autoencoder and SMPL in PyTorch: from meshes to latents, and back."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -19,8 +19,8 @@ require_packages_of(__name__)
 
 
 def __getattr__(name: str) -> Any:
-    # The autoencoders are needed by few stages, so the others do not load them.
+    # Lazily, as few stages need the autoencoders.
     if name in __all__:
-        home = _AUTOENCODERS.get(name, "body")
-        return getattr(import_module(f"torch_align_ae.{home}"), name)
+        module = _AUTOENCODERS.get(name, "body")
+        return getattr(import_module(f"torch_align_ae.{module}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

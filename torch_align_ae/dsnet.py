@@ -1,7 +1,7 @@
-"""DSNet in PyTorch: the twin of `tf_dsnet/model.py`, to Keras's rules where PyTorch has others.
+"""DSNet in PyTorch: the same as `tf_dsnet/model.py`, with Keras's rules where PyTorch differs.
 
-The product trains DSNet in Keras. The twin is for whoever has PyTorch alone, and for
-`dsnet verify`, which compares the two layer by layer, gradient by gradient, step by step.
+DSNet is trained in Keras. This one is for users of PyTorch alone, and for `dsnet verify`, which
+compares the two layer by layer, gradient by gradient and step by step.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ State = tuple[Tensor, Tensor]
 
 
 class TanhLinear(nn.Linear):
-    """A linear layer and its tanh, as one Keras layer is both."""
+    """A linear layer followed by tanh, which is one layer in Keras."""
 
     def forward(self, input: Tensor) -> Tensor:  # noqa: A002
         return torch.tanh(super().forward(input))
@@ -38,8 +38,8 @@ class TanhLinear(nn.Linear):
 class BatchNorm(nn.Module):
     """Keras's batch normalisation over all axes but the last.
 
-    Unlike `nn.BatchNorm1d`'s, its running variance is the biased one, and it has a mask: frames
-    that it leaves out do not count in the statistics, but are normalised like the others.
+    Unlike in `nn.BatchNorm1d`, the running variance is the biased one, and there is a mask: masked
+    frames do not count in the statistics, but are normalised like the others.
     """
 
     running_mean: Tensor
@@ -67,7 +67,7 @@ class DSNet(nn.Module):
     """DSNet (B, T, 79) -> (B, T, 100) (Figure 5, Section 5).
 
     Keras counts 65,140 parameters, 65,020 of them trainable. PyTorch's LSTM has a second bias,
-    which stays 0 and untrained: two equal ones would learn at twice the speed.
+    which stays 0 and is not trained: two equal biases would learn at twice the speed.
     """
 
     def __init__(self) -> None:
@@ -90,7 +90,7 @@ class DSNet(nn.Module):
     ) -> tuple[Tensor, State]:
         """Latents of the next frames of motions (B, T, 79), and the LSTM's state after them.
 
-        Without a `state` the motions begin here.
+        Without a `state` the motions start here.
         """
         if motion.ndim != 3 or motion.shape[-1] != INPUT_SIZE:
             raise DsnetError(
@@ -103,7 +103,7 @@ class DSNet(nn.Module):
 
     @torch.no_grad()
     def _draw_weights(self) -> None:
-        """Draw weights as Keras does: PyTorch's own have another spread and random biases."""
+        """Initialise weights as Keras does, unlike PyTorch."""
         for name, parameter in self.named_parameters():
             if name == "lstm.weight_hh_l0":
                 nn.init.orthogonal_(parameter)
@@ -112,11 +112,11 @@ class DSNet(nn.Module):
             elif name != "batch_norm.weight":
                 parameter.zero_()
             if name == "lstm.bias_ih_l0":
-                parameter.view(4, -1)[1] = 1.0  # gates i, f, g, o: begin by not forgetting
+                parameter.view(4, -1)[1] = 1.0  # gates i, f, g, o: the forget gate starts open
 
 
 class KerasAdam(torch.optim.Adam):
-    """Adam whose epsilon stands where Keras has it: beside the moment before its correction."""
+    """Adam as in Keras: epsilon is added before the bias correction of the second moment."""
 
     def __init__(self, parameters: Iterable[nn.Parameter]) -> None:
         rule = KERAS_ADAM
@@ -124,7 +124,7 @@ class KerasAdam(torch.optim.Adam):
         self.epsilon = rule.epsilon
 
     def step(self, closure: Callable[[], Any] | None = None) -> Any:
-        """One step, with the epsilon that makes PyTorch's rule Keras's at this step."""
+        """One step, with the epsilon that makes PyTorch's rule equal to Keras's in this step."""
         for group in self.param_groups:
             states = [self.state[parameter] for parameter in group["params"]]
             step = 1 + max((int(state["step"]) for state in states if state), default=0)
@@ -141,7 +141,7 @@ def sum_of_distances(target: Tensor, predicted: Tensor, real: Tensor | None = No
     """
     squared = (predicted - target).square().sum(-1)  # (B, T)
     nonzero = squared > 0.0
-    # The inner choice keeps the square root's infinite slope at 0 out of the gradient.
+    # The inner `where` keeps the infinite slope of the square root at 0 out of the gradient.
     distance = torch.where(nonzero, torch.where(nonzero, squared, 1.0).sqrt(), 0.0)
     if real is not None:
         distance = torch.where(real, distance, 0.0)

@@ -1,7 +1,7 @@
-"""`python -m torch_align_ae.verify`: what PyTorch answers to `dsnet verify`.
+"""`python -m torch_align_ae.verify`: results of PyTorch for `dsnet verify`.
 
-Operations and names are those of `bridge.exchange.engine`; the product's own networks, optimizers,
-SMPL compute.
+Operations and names are those of `bridge.exchange.engine`. They are computed by the networks,
+optimizers and SMPL that the product uses.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Options = dict[str, Any]
 
 @torch.inference_mode()
 def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
-    """Every layer at rest: the whole batch, row by row, or frame by frame."""
+    """Outputs of every layer in inference: the whole batch, row by row, or frame by frame."""
     model = _dsnet(weights).eval()
     if run != "steps":
         parts = batches(motion, run)
@@ -40,7 +40,7 @@ def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
 
 
 def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **clips: NDArray) -> Tensors:
-    """Layers, loss and gradients of the first pass in training, and the steps after it."""
+    """Layers, loss and gradients of a first training pass, and the training steps after it."""
     given = {name: torch.from_numpy(array) for name, array in clips.items()}
     real = given["real"] if masked else None
     model = _dsnet(weights).train()
@@ -50,16 +50,16 @@ def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **clips: NDArr
 
     adam = KerasAdam(model.parameters())
     seen = prefixed("layer", _layers(model, loss)[0])
-    assign_weights(model, weights)  # the pass has moved the running statistics on
+    assign_weights(model, weights)  # the pass has changed the running statistics
     return seen | _trained(model, adam, loss, dsnet_from_torch, steps)
 
 
 @torch.inference_mode()
 def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: str) -> Tensors:
-    """Every layer, and the normaliser's where the weights hold one."""
+    """Outputs of every layer, and of the normaliser if the weights contain one."""
     scaling = [weights.pop(name) for name in NORMALISER if name in weights]
     model = _autoencoder(weights, architecture).eval()
-    # One nonlinearity serves many layers, so outputs are named in the order of their calls.
+    # Many layers share one nonlinearity module, so outputs are named in the order of the calls.
     sides = ("encoder", "decoder")
     encoder, decoder = ([f"{s}.{n}" for n in getattr(model, s)._modules] for s in sides)
     code = ("to_latent", "from_latent", "from_latent_activation")
@@ -69,8 +69,8 @@ def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: st
     def layers(rows: Tensor) -> Tensors:
         outputs, _restored = _outputs(modules, model, rows)
         # Inside, vertices come before the batch.
-        first = [output.swapaxes(0, 1) if output.ndim == 3 else output for output in outputs]
-        return dict(zip(names, first, strict=True))
+        batch_first = [o.swapaxes(0, 1) if o.ndim == 3 else o for o in outputs]
+        return dict(zip(names, batch_first, strict=True))
 
     if not scaling:
         return joined(layers(torch.from_numpy(rows)) for rows in batches(values, run))
@@ -89,26 +89,26 @@ def ae_train(
     steps: list[int],
     target: NDArray | None = None,
 ) -> Tensors:
-    """Loss and gradients of the reconstruction of one batch, and steps on it."""
+    """Loss and gradients of reconstructing one batch, and training steps on it."""
     model = _autoencoder(weights, architecture).train()
-    given = torch.from_numpy(values)
-    wanted = given if target is None else torch.from_numpy(target)
+    inputs = torch.from_numpy(values)
+    expected = inputs if target is None else torch.from_numpy(target)
 
     def loss() -> Tensor:
-        return nn.functional.mse_loss(model(given), wanted)
+        return nn.functional.mse_loss(model(inputs), expected)
 
     adam = torch.optim.Adam(model.parameters(), TORCH_ADAM.learning_rate, fused=True)
     return _trained(model, adam, loss, dict, steps)
 
 
 def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tensors:
-    """Parts of the forward pass, the unposed mesh, and the gradient of sum(probe * vertices)."""
+    """Parts of the forward pass, the unposed mesh, and the gradients of sum(probe * vertices)."""
     given = {name: torch.from_numpy(array) for name, array in arguments.items()}
     posed = SMPL(load_body_model(body), given["pose"].dtype)
     variables = {name: value.clone().requires_grad_() for name, value in given.items()}
     vertices = posed(**variables)
     total = (torch.from_numpy(probe) * vertices).sum()
-    found = torch.autograd.grad(total, list(variables.values()))
+    gradients = torch.autograd.grad(total, list(variables.values()))
     motion = {name: given[name] for name in ("betas", "pose", "trans")}
     outputs = {
         "rotations": posed.rotations(given["pose"]),
@@ -117,11 +117,12 @@ def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tens
         "vertices": vertices.detach(),
         "unposed": unpose(posed, torch.from_numpy(mesh), **motion),
     }
-    return prefixed("layer", outputs) | prefixed("grad", dict(zip(variables, found, strict=True)))
+    named = dict(zip(variables, gradients, strict=True))
+    return prefixed("layer", outputs) | prefixed("grad", named)
 
 
 def _dsnet(weights: Tensors) -> DSNet:
-    """The twin in the weights' precision."""
+    """DSNet in the precision of the weights."""
     model = DSNet().to(torch.from_numpy(weights["lstm/bias"]).dtype)
     assign_weights(model, weights)
     return model
@@ -143,21 +144,21 @@ def _layers(model: DSNet, call: Callable[..., Any], *arguments: Any) -> tuple[Te
 def _outputs(
     modules: Sequence[nn.Module], call: Callable[..., Any], *arguments: Any
 ) -> tuple[list[NDArray], Any]:
-    """What modules return during a call, one after another, and what the call returns.
+    """Outputs of modules during a call, in order, and the result of the call.
 
-    Copies, because nonlinearities work in place.
+    Outputs are copied, as nonlinearities work in place.
     """
-    seen: list[NDArray] = []
+    recorded: list[NDArray] = []
 
     def record(_module: nn.Module, _inputs: object, output: Tensor | tuple[Tensor, ...]) -> None:
-        tensor = output[0] if isinstance(output, tuple) else output  # an LSTM's state is second
-        seen.append(tensor.detach().numpy().copy())
+        tensor = output[0] if isinstance(output, tuple) else output  # an LSTM returns its state too
+        recorded.append(tensor.detach().numpy().copy())
 
     hooks = [module.register_forward_hook(record) for module in modules]
     returned = call(*arguments)
     for hook in hooks:
         hook.remove()
-    return seen, returned
+    return recorded, returned
 
 
 def _trained(
@@ -167,7 +168,7 @@ def _trained(
     canonical: Callable[[Tensors], Tensors],
     steps: list[int],
 ) -> Tensors:
-    """Training on one batch; `canonical` names and lays out arrays of the model's state."""
+    """Train on one batch; `canonical` gives arrays of the model's state their names in `bridge`."""
     learned = {name: p for name, p in model.named_parameters() if p.requires_grad}
 
     def one_pass() -> float:

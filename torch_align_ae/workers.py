@@ -1,8 +1,7 @@
-"""Who computes with PyTorch: workers on one core each, and for networks a GPU where there is one.
+"""Workers that compute with PyTorch on one core each, and the device that trains networks.
 
-Small products on all cores at once mostly wait for one another; one piece of work a core keeps all
-of them busy. And since a piece is always computed by one thread, no bit of it depends on how many
-cores there are.
+Small products do not use several cores well, so each core gets a task of its own. As one thread
+computes a task, its result does not depend on the number of cores.
 """
 
 from __future__ import annotations
@@ -22,8 +21,10 @@ Tools = TypeVar("Tools")
 def torch_workers(
     kind: Kind, tools: Tools, n_workers: int | None = None
 ) -> Iterator[WorkerPool[Tools]]:
-    """A `bridge.runs.workers.worker_pool` whose workers, and who waits for them, use one arithmetic
-    thread each."""
+    """A `bridge.runs.workers.worker_pool` in which PyTorch uses one thread.
+
+    This holds for each worker, and for the calling process while it waits.
+    """
     threads = torch.get_num_threads()
     _use_one_arithmetic_thread()
     try:
@@ -38,5 +39,5 @@ def _use_one_arithmetic_thread() -> None:
 
 
 def device() -> torch.device:
-    """Where this process trains networks: its GPU, or the processor where there is none."""
+    """The device on which networks are trained: a GPU if there is one, else the CPU."""
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torch_align_ae.alignment.mesh_distance import Shapes
-from torch_align_ae.alignment.sgd import Descending, Descent, batches
+from torch_align_ae.alignment.sgd import Descent, MomentumDescent, batches
 from torch_align_ae.workers import torch_workers
 
 
@@ -80,7 +80,7 @@ def _fit(
     descent: Descent,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """`fit_pose` under a rule; also gives the steps that each body took, (B,)."""
-    distance, descending = shapes.objective.to(target), Descending(descent, *start)
+    distance, descending = shapes.objective.to(target), MomentumDescent(descent, *start)
     patience = rule.steps if rule.patience is None else rule.patience
     waited, steps = torch.zeros(2, len(target), dtype=torch.int64)
     smallest = target.new_full((len(target),), torch.inf)

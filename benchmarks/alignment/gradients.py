@@ -104,9 +104,9 @@ def gradient_ways(smpl: SMPL, count: int) -> dict[str, Way]:
 
     @torch.no_grad()
     def of_skin_by_hand(bones: Bones) -> tuple[Tensor, ...]:
-        distances, by_carrying, by_features = distance.of_skin(shapes, bones)
+        distances, by_transforms, by_features = distance.of_skin(shapes, bones)
         scale = 1 / distances[:, None]
-        return torch.nn.functional.pad(by_features * scale, (1, 0)), by_carrying * scale
+        return torch.nn.functional.pad(by_features * scale, (1, 0)), by_transforms * scale
 
     def of_patches(patches: list[list[Tensor]], bones: Bones) -> tuple[Tensor, ...]:
         leaves = [part.requires_grad_() for part in (bones.pose_features, bones.T_world_rest)]
@@ -163,9 +163,9 @@ def _squared_distance(patch: list[Tensor], bones: Bones) -> Tensor:
     which, weights, those, posedirs, shaped, target = patch
     count, size = len(target), weights.shape[1]
     features = bones.pose_features[..., 1:].permute(2, 3, 0, 1).flatten(1)
-    carrying = bones.T_world_rest.permute(2, 1, 0, 3).flatten(0, 2)
+    transforms = bones.T_world_rest.permute(2, 1, 0, 3).flatten(0, 2)
     rest = torch.addmm(shaped, features[:, those], posedirs).view(count, 3, size)
-    blended = (carrying[:, which] @ weights).view(count, 4, 3, size)
+    blended = (transforms[:, which] @ weights).view(count, 4, 3, size)
     residual = blended[:, 3] - target.view(count, 3, size)
     for axis in range(3):
         residual = residual.addcmul(blended[:, axis], rest[:, axis, None])

@@ -31,7 +31,7 @@ from dsnet.prediction.load_model import load_model
 from dsnet.prediction.models import PlusModel
 from dsnet.synthetic.motions import perform
 from dsnet.synthetic.motions.posing import Skeleton
-from dsnet.synthetic.tissue_parameters import FLESH, WAVE_SPEED_M_S
+from dsnet.synthetic.tissue_parameters import SOFT_TISSUE, WAVE_SPEED_M_S
 
 TAKES = ("jumping_jacks", "running_on_spot", "one_leg_jump")
 MODES = ("true pose", "a pose that swallowed flesh", "the same, by markers on bone")
@@ -59,7 +59,10 @@ def base_model(body: BodyModelData) -> TrainedPlus:
     base = dict(model.weights.base)
     base["wave_speed"] = np.full_like(base["wave_speed"], np.log(WAVE_SPEED_M_S))
     model = replace(model, weights=replace(model.weights, base=base))
-    parts = {part: Flesh(FLESH[part].frequency_hz, FLESH[part].damping_ratio, 1.8) for part in SOFT}
+    parts = {
+        part: Flesh(SOFT_TISSUE[part].frequency_hz, SOFT_TISSUE[part].damping_ratio, 1.8)
+        for part in SOFT
+    }
     return flesh_model(body, model, parts)
 
 
@@ -101,7 +104,7 @@ def one_woman(
     rng = np.random.default_rng([config.seed, number])
     betas = 0.8 * rng.standard_normal(10)
     template = Flesh(
-        FLESH["chest"].frequency_hz * np.exp(0.2 * rng.standard_normal()),
+        SOFT_TISSUE["chest"].frequency_hz * np.exp(0.2 * rng.standard_normal()),
         0.24 * np.exp(0.3 * rng.standard_normal()),
         rng.uniform(1.2, 2.3),
     )

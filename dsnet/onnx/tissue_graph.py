@@ -173,15 +173,15 @@ class TissueGraph:
         gained = springs.stiffer * self._strain(now, self._stretched(now, springs), springs)
         stiffer = springs.standing + gained
         twice, after = 2.0 * now + before, 2.0 * now - before
-        known = _STEP_S**2 * load + after + springs.drag * before
+        right = _STEP_S**2 * load + after + springs.drag * before
         sheared = springs.spring * twice + stiffer * before + gained * springs.hung
-        known = known - self._stretched(sheared, springs)
-        known = known + twice @ self._pulled - self._bound * twice
+        right = right - self._stretched(sheared, springs)
+        right = right + twice @ self._pulled - self._bound * twice
         held = springs.spring + stiffer
         along = 1.0 + springs.drag + self._bound + held
         beyond = self._beyond * held
         for _ in range(SWEEPS):
-            after = self._solved(known + after @ self._pulled, along, beyond, springs)
+            after = self._solved(right + after @ self._pulled, along, beyond, springs)
         return after
 
     def _strain(self, offsets_m: Value, stretched: Value, springs: Springs) -> Value:
@@ -256,10 +256,10 @@ def _surface(
     of_faces = _cross(second - first, third - first)  # (B, F, 3)
     around = _faces_around(body, nodes)
     padded = graph.apply("Pad", of_faces, graph.integers([0, 0, 0, 0, 1, 0]))
-    beside = padded.gather(around.ravel(), axis=1).reshape(0, *around.shape, 3)
-    total = beside.sum(2).reshape(0, -1, 3)
+    adjacent = padded.gather(around.ravel(), axis=1).reshape(0, *around.shape, 3)
+    total = adjacent.sum(2).reshape(0, -1, 3)
     normals = total / graph.apply("Sqrt", (total * total).sum(2))
-    areas = graph.apply("Sqrt", (beside * beside).sum(3)).sum(2) / 6.0
+    areas = graph.apply("Sqrt", (adjacent * adjacent).sum(3)).sum(2) / 6.0
     return normals, areas.reshape(0, -1, 1), volume
 
 

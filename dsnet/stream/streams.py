@@ -242,14 +242,14 @@ class Stream:
         latents = codes if self._model.codes_are_latents else [None] * len(codes)
         return [MovedBody(*parts) for parts in zip(vertices_m, offsets_m, latents, strict=True)]
 
-    def _character(self, who: int) -> _Character:
-        if who not in self._characters:
+    def _character(self, number: int) -> _Character:
+        if number not in self._characters:
             raise DsnetError(
-                f"character {who!r}",
+                f"character {number!r}",
                 f"one of {', '.join(map(str, self._characters)) or '(there is none)'}",
                 "Pass a number that join() gave; a character that has left may join again.",
             )
-        return self._characters[who]
+        return self._characters[number]
 
 
 @dataclass(eq=False)

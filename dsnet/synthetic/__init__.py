@@ -1,1 +1,1 @@
-"""People, motions and flesh in place of licensed data."""
+"""Synthetic data in place of licensed ones: subjects, motions and soft tissue."""

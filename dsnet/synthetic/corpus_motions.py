@@ -25,21 +25,27 @@ _AMASS_BETA_COUNT = 16
 
 @dataclass(frozen=True, eq=False)
 class CorpusMotions:
-    """Motions of subjects with a body model's gender; `seed` is that of everybody's style."""
+    """Motions of subjects of one body model; `seed` is that of their styles."""
 
     data: BodyModelData
     seed: int
 
     def procedural(self, recording: Recording, fps: float = FPS) -> NDArray[np.float32]:
-        """theta (T, 69) as it is stored: what the simulation follows is what is read."""
+        """theta (T, 69), rounded as it is stored, so that the simulation uses the same numbers."""
         skeleton = Skeleton(self.data, recording.subject.betas)
-        who, what, take = recording.subject.name, recording.kind, recording.number
-        frames, seed = recording.frame_count, self.seed
-        theta = perform(what, who, skeleton, frame_count=frames, fps=fps, seed=seed, take=take)
+        theta = perform(
+            recording.kind,
+            recording.subject.name,
+            skeleton,
+            frame_count=recording.frame_count,
+            fps=fps,
+            seed=self.seed,
+            take=recording.number,
+        )
         return theta.astype(np.float32)
 
     def as_read_back(self, recording: Recording) -> NDArray[np.float32]:
-        """theta (T, 69) of a held-out one as every reader of its file sees it: 60 fps, y up."""
+        """theta (T, 69) of a held-out recording as read from its file: 60 fps, y up."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "motion.npz"
             self.write_amass(path, recording)
@@ -48,9 +54,9 @@ class CorpusMotions:
         return motion.theta.astype(np.float32)
 
     def write_amass(self, path: Path, recording: Recording) -> None:
-        """Write a held-out one: 100 fps as MoSh's, or the rate of the real motion.
+        """Write a held-out recording: at 100 fps as MoSh's, or at the rate of a real motion.
 
-        Of a real motion nothing but the motion is used, about this person's root joint.
+        A real motion is placed about the root joint of this subject; its betas are not used.
         """
         fps, source = recording.source_fps or MOSH_FPS, recording.source
         joint_m = self._root_joint_m(recording.subject)

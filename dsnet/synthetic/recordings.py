@@ -1,4 +1,4 @@
-"""What is asked of a corpus, and the recordings that it takes: who does which motion how long."""
+"""Options of a corpus, and the list of its recordings: subjects, motions and lengths."""
 
 from __future__ import annotations
 
@@ -36,14 +36,15 @@ _MISSING = {
     *("50002_shake_shoulders", "50007_chicken_wings", "50009_punching", "50026_one_leg_loose"),
 }
 MOSH_FPS = 100.0
-_KNOWN_PEOPLE = 2
+_TRAINED_SUBJECTS = 2
+"""Subjects of training that do every held-out kind with `crossing` full."""
 _SHORTEST_S = 1.0
 Crossing = Literal["full", "rotating"]
 
 
 @dataclass(frozen=True)
 class CorpusConfig:
-    """Make the synthetic corpus and, apart from it, the truth, which no predictor is given.
+    """Make the synthetic corpus and, separately, the truth, which no predictor receives.
 
     Costs 165 kB of disk a frame for the truth and the meshes, half as much again in forms other
     than clean. Most of the time goes into simulating soft tissue; manifests and report state it.
@@ -52,7 +53,7 @@ class CorpusConfig:
     run: str = "demo"
     """Run to write: runs/NAME/truth and runs/NAME/corpus."""
     seed: Seed = 0
-    """Seed of every subject's style of moving."""
+    """Seed of the subjects' styles of motion."""
     gender: Gender = "female"
     """Gender of the bodies."""
     subjects: Annotated[int, Bounds(1, 5)] = 5
@@ -66,11 +67,13 @@ class CorpusConfig:
     mosh_seconds: Annotated[float, Bounds(1)] = 5.0
     """Length of each held-out motion in seconds; lying down and getting up may take longer."""
     retakes: Fixed[NonNegativeInt] = 3
-    """How many of the motions, the last ones, known people do again and new people too."""
+    """How many training motions, the last ones, are test motions too: by subjects of training in
+    another style, and by new subjects."""
     crossing: Fixed[Crossing] = "full"
-    """Who does each held-out kind: two known and three new people, or one of each in rotation."""
+    """Subjects of each held-out kind: two of training and three new ones, or one of each in
+    rotation."""
     amass: Path | None = None
-    """Folder of AMASS files or BVHs: real motions as further test takes, with simulated tissue."""
+    """Folder of AMASS files or BVHs: further test motions, real, with simulated tissue."""
     amass_seconds: PositiveFloat = 20.0
     """Seconds of each real motion that are used at most, from its beginning."""
     amass_fps: PositiveFloat | None = None
@@ -83,24 +86,24 @@ class CorpusConfig:
     form: str = "clean"
     """What the meshes have besides soft tissue: nothing (`clean`), or a form of such a module."""
     gravity: Fixed[bool] = True
-    """Whether turned limbs hang."""
+    """Whether gravity acts on the soft tissue of rotated limbs."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """One sequence to be made: a subject who does a kind of motion."""
+    """One sequence to be made: a kind of motion by a subject."""
 
     subject: Subject
     kind: str  # a name of `MOTIONS`, or `amass_<file>` for a real motion
     frame_count: int  # at the rate of its own file: 60 fps for Dyna's, 100 fps for MoSh-like ones
-    number: int = 1  # 2 where the same person does a kind again, in another style
+    number: int = 1  # 2 for the same kind by the same subject in another style
     source: Path | None = None  # file of a real motion; None for a procedural one
     source_fps: float | None = None
-    smooth_hz: SmoothHz | None = None  # what is faster in that file is left out
+    smooth_hz: SmoothHz | None = None  # cutoff of the low-pass filter for that file
 
     @property
     def motion(self) -> str:
-        """The kind, and `_take2` where it is done again."""
+        """The kind, with the suffix `_take2` if it is done again."""
         return self.kind if self.number == 1 else f"{self.kind}{take_suffix(self.number)}"
 
     @property
@@ -109,16 +112,16 @@ class Recording:
 
 
 class CorpusPlan(NamedTuple):
-    """All recordings of a corpus: what is trained on and validated, and what is only predicted."""
+    """All recordings of a corpus: those of training and validation, and the held-out ones."""
 
     dyna: list[Recording]
-    held_out: list[Recording]  # one person after another, the known people first
-    files: list[Path]  # where the real motions are from
+    held_out: list[Recording]  # subject by subject, those of training first
+    files: list[Path]  # sources of the real motions
 
 
 def plan_of(config: CorpusConfig) -> CorpusPlan:
-    """The recordings that a configuration asks for; nothing is made yet."""
-    # Of bodies of any gender: no body of theirs is used.
+    """The recordings of a configuration; nothing is made yet."""
+    # Of any gender, as the bodies of real motions are not used.
     files = find_motion_files(config.amass, "any") if config.amass else []
     dyna, held_out = _dyna(config), [*_held_out(config), *_real(config, files)]
     order = [one.name for one in (*SUBJECTS[config.gender], *UNSEEN[config.gender])]
@@ -129,21 +132,21 @@ def plan_of(config: CorpusConfig) -> CorpusPlan:
 def _dyna(config: CorpusConfig) -> list[Recording]:
     """Sequences of the first subjects, by subject and then by motion.
 
-    With every subject and every motion this is the full corpus, of exactly as many sequences
-    and frames as the paper's; otherwise lengths differ by a tenth about `mean_frames`.
+    With every subject and every motion this is the full corpus, with exactly as many sequences
+    and frames as the paper's; otherwise lengths are within a tenth of `mean_frames`.
     """
     motions, gender = config.motions, config.gender
     if not motions:
         raise DsnetError("no motions", f"some of {', '.join(DYNA_MOTIONS)}", "Pass --motions hips.")
     _check_names(motions, DYNA_MOTIONS)
-    people = SUBJECTS[gender][: config.subjects]
-    if people == SUBJECTS[gender] and set(motions) == set(DYNA_MOTIONS):
-        pairs = itertools.product(people, DYNA_MOTIONS)
-        pairs = [(who, what) for who, what in pairs if f"{who.name}_{what}" not in _MISSING]
+    subjects = SUBJECTS[gender][: config.subjects]
+    if subjects == SUBJECTS[gender] and set(motions) == set(DYNA_MOTIONS):
+        pairs = itertools.product(subjects, DYNA_MOTIONS)
+        pairs = [(one, kind) for one, kind in pairs if f"{one.name}_{kind}" not in _MISSING]
         lengths = _full_lengths(len(pairs), FULL_FRAMES[gender], config.seed)
         return [Recording(*pair, length) for pair, length in zip(pairs, lengths, strict=True)]
-    pairs = itertools.product(people, motions)
-    return [Recording(who, what, _length(config, f"{who.name}_{what}")) for who, what in pairs]
+    pairs = itertools.product(subjects, motions)
+    return [Recording(one, kind, _length(config, f"{one.name}_{kind}")) for one, kind in pairs]
 
 
 def _full_lengths(sequences: int, total: int, seed: int) -> list[int]:
@@ -163,65 +166,65 @@ def _length(config: CorpusConfig, name: str) -> int:
 
 
 def _held_out(config: CorpusConfig) -> list[Recording]:
-    """What no stage sees before prediction, in the four cells of `bridge.motion.splits`.
+    """Recordings that no stage uses before prediction, in the groups of `bridge.motion.splits`.
 
-    Kinds that nobody was trained on and the last kinds of training, each by people of training and
-    by new ones; who was trained on a kind does it in another style, as take 2.
+    Held-out kinds and the last kinds of training, each by subjects of training and by new ones. A
+    subject that was trained on a kind does it in another style, as take 2.
     """
     _check_names(config.mosh_motions, HELD_OUT_MOTIONS)
-    known = config.motions[max(0, len(config.motions) - config.retakes) :]
-    found = []
-    for row, kind in enumerate((*config.mosh_motions, *known)):
+    repeated = config.motions[max(0, len(config.motions) - config.retakes) :]
+    recordings = []
+    for row, kind in enumerate((*config.mosh_motions, *repeated)):
         frames = round(max(config.mosh_seconds, WHOLE_S.get(kind, 0.0)) * MOSH_FPS) + 1
-        people, new = _people_of_kind(config, row, config.crossing)
-        number = 2 if kind in known else 1
-        found += [Recording(person, kind, frames, number) for person in people]
-        found += [Recording(person, kind, frames) for person in new]
-    return found
+        trained, new = _subjects_of_kind(config, row, config.crossing)
+        number = 2 if kind in repeated else 1
+        recordings += [Recording(subject, kind, frames, number) for subject in trained]
+        recordings += [Recording(subject, kind, frames) for subject in new]
+    return recordings
 
 
-def _people_of_kind(
+def _subjects_of_kind(
     config: CorpusConfig, row: int, crossing: Crossing
 ) -> tuple[tuple[Subject, ...], tuple[Subject, ...]]:
-    """Who of the known and who of the new people does held-out kind number `row`.
+    """Subjects of training and new ones that do the held-out kind number `row`.
 
-    `full`: the first two and all new ones. `rotating`: one and one, the next for the next kind.
+    `full`: the first two and all new ones. `rotating`: one of each, the next for the next kind.
     """
-    known, new = SUBJECTS[config.gender][: config.subjects], UNSEEN[config.gender]
+    trained, new = SUBJECTS[config.gender][: config.subjects], UNSEEN[config.gender]
     if crossing == "full":
-        return known[:_KNOWN_PEOPLE], new
-    return (known[row % len(known)],), (new[row % len(new)],)
+        return trained[:_TRAINED_SUBJECTS], new
+    return (trained[row % len(trained)],), (new[row % len(new)],)
 
 
-def _check_names(motions: tuple[str, ...], known: Iterable[str]) -> None:
-    if unknown := sorted(set(motions) - set(known)):
-        remedy = did_you_mean(unknown[0], known, "Check their names.")
-        raise DsnetError(f"motions {', '.join(unknown)}", f"among {', '.join(known)}", remedy)
+def _check_names(motions: tuple[str, ...], allowed: Iterable[str]) -> None:
+    if unknown := sorted(set(motions) - set(allowed)):
+        remedy = did_you_mean(unknown[0], allowed, "Check their names.")
+        raise DsnetError(f"motions {', '.join(unknown)}", f"among {', '.join(allowed)}", remedy)
     if repeated := sorted({motion for motion in motions if motions.count(motion) > 1}):
         received = f"motions {', '.join(repeated)} more than once"
         raise DsnetError(received, "each once", "Leave out the second.")
 
 
 def _real(config: CorpusConfig, files: Iterable[Path]) -> list[Recording]:
-    """Each real motion done by one known and one new person, the next ones for the next motion.
+    """Each real motion by one subject of training and one new one, in rotation.
 
-    Of one that jumps what comes before is used, for to simulated tissue a jump is a blow. What is
-    shorter than a second is left out, and what moves as nobody can is taken as it is, each with a
-    line on stderr. The names of motions whose rate is told, or that are smoothed, have that.
+    A motion with a cut is used up to it, as a jump would hit the simulated tissue. Motions shorter
+    than a second are left out, and implausible ones are used as they are, with a line on stderr.
+    Names of motions contain the rate if it is an option, and how they are smoothed.
     """
-    found: list[Recording] = []
+    recordings: list[Recording] = []
     smooth_hz = config.amass_smooth_hz
     for row, (path, kind) in enumerate(_kinds(files)):
         stored = read_motion_file(path)
         fps = config.amass_fps or stored.fps
         if np.isnan(fps):
-            notify(f"{path}: left out; it does not say its rate, --amass-fps does")
+            notify(f"{path}: left out; it does not state its rate, pass --amass-fps")
             continue
         frames = min(len(stored.pose), int(config.amass_seconds * fps) + 1)
-        first, *others = pieces_between_cuts(stored.theta[:frames])
-        if others:
+        first, *later = pieces_between_cuts(stored.theta[:frames])
+        if later:
             frames = first.stop
-            notify(f"{path}: used up to {frames / fps:.2f} s, where it jumps")
+            notify(f"{path}: used up to {frames / fps:.2f} s, as it jumps there")
         if frames - 1 < _SHORTEST_S * fps:
             notify(f"{path}: left out; shorter than {_SHORTEST_S:g} s")
             continue
@@ -233,23 +236,26 @@ def _real(config: CorpusConfig, files: Iterable[Path]) -> list[Recording]:
             kind += f"_at_{config.amass_fps:g}_hz"
         if smooth_hz is not None:
             kind += "_smoothed" if smooth_hz == "auto" else f"_smoothed_{smooth_hz:g}_hz"
-        known, new = _people_of_kind(config, row, "rotating")
-        found += [
-            Recording(person, kind, frames, source=path, source_fps=fps, smooth_hz=smooth_hz)
-            for person in (*known, *new)
+        trained, new = _subjects_of_kind(config, row, "rotating")
+        recordings += [
+            Recording(subject, kind, frames, source=path, source_fps=fps, smooth_hz=smooth_hz)
+            for subject in (*trained, *new)
         ]
-    return found
+    return recordings
 
 
 def _kinds(files: Iterable[Path]) -> Iterator[tuple[Path, str]]:
-    """`amass_<motion>` or `bvh_<motion>` of each, in letters, digits and underscores, a second one
-    of a name `_2`; a motion that is but a number has its person's before it, as CMU's `05_06`."""
-    taken: set[str] = set()
+    """Each file with its kind, `amass_<motion>` or `bvh_<motion>`, in letters, digits, underscores.
+
+    Equal names get the suffixes `_2` and so on. If the motion is a number, the subject precedes it,
+    as in CMU's `05_06`.
+    """
+    used: set[str] = set()
     for path in files:
         subject, motion = subject_and_motion(path)
         whole = f"{subject}_{motion}" if motion.isdecimal() else motion
         name = f"{format_of(path)}_" + re.sub(r"\W+", "_", whole)
         names = itertools.chain([name], (f"{name}_{number}" for number in itertools.count(2)))
-        kind = next(one for one in names if one not in taken)
-        taken.add(kind)
+        kind = next(one for one in names if one not in used)
+        used.add(kind)
         yield path, kind

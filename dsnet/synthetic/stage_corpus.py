@@ -1,4 +1,4 @@
-"""`dsnet corpus`: the synthetic corpus in the formats of SMPL, Dyna and AMASS, and its truth."""
+"""`dsnet corpus`: make a synthetic corpus in the formats of SMPL, Dyna and AMASS, and its truth."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from dsnet.synthetic.simulation import posed_meshes
 from dsnet.synthetic.subjects import Subject
 from dsnet.synthetic.tissue_laws import form_named, tissue_named
 
-# For fewer, some ten seconds of one core, processes are not worth their start.
+# With fewer frames, about ten seconds of one core, starting processes takes too long.
 _FRAMES_WORTH_PROCESSES = 1500
 _NOTICE = """\
 Synthetic data. Bodies, motions and soft tissue are computed; no skin was measured.
@@ -87,11 +87,11 @@ def _make_truth(config: CorpusConfig, plan: CorpusPlan, writer: ArtifactWriter) 
     motions = CorpusMotions(body, config.seed)
     thetas = {one.name: motions.procedural(one) for one in plan.dyna}
     thetas |= {one.name: motions.as_read_back(one) for one in plan.held_out}
-    recordings, known = [*plan.dyna, *plan.held_out], {one.name for one in plan.dyna}
+    recordings, trained = [*plan.dyna, *plan.held_out], {one.name for one in plan.dyna}
     sequences, frames = [], 0
     for one in recordings:
         name, length = one.subject.name, len(thetas[one.name])
-        split = "train" if one.name in known else "test"
+        split = "train" if one.name in trained else "test"
         sequences.append(MotionSequence(one.name, name, one.motion, frames, length, FPS, split))
         frames += length
     writer.put("theta", np.concatenate(list(thetas.values())), "rad, last three m")
@@ -114,14 +114,14 @@ def _make_truth(config: CorpusConfig, plan: CorpusPlan, writer: ArtifactWriter) 
         gravity=config.gravity,
     )
     work = partial(_simulate, config, offsets, writer.checkpoints.resolve())
-    # A subject a core, or a part of its sequences where there are more cores than subjects.
+    # A task is a subject, or a part of its sequences if there are more cores than subjects.
     parts = math.ceil(usable_cores() / len(subjects))
 
     def parts_of(subject: Subject) -> list[tuple[Subject, list[tuple[MotionSequence, NDArray]]]]:
-        own = [(one, thetas[one.name]) for one in sequences if one.subject == subject.name]
-        return [(subject, own[part::parts]) for part in range(min(parts, len(own)))]
+        motions = [(one, thetas[one.name]) for one in sequences if one.subject == subject.name]
+        return [(subject, motions[part::parts]) for part in range(min(parts, len(motions)))]
 
-    # Threads wait for Python's lock, which half of a step needs.
+    # Threads compete for Python's lock, which half of a step needs.
     kind = "threads" if frames < _FRAMES_WORTH_PROCESSES else "processes"
     with (
         progress(what="soft tissue", unit="frame", total=frames) as bar,
@@ -138,16 +138,16 @@ def _simulate(
     body: BodyModelData,
     item: tuple[Subject, list[tuple[MotionSequence, NDArray[np.float32]]]],
 ) -> int:
-    """Write the offsets of a subject's sequences that are not done; gives their frames."""
-    subject, own = item
+    """Write the offsets of a subject's sequences unless they are done; gives their frames."""
+    subject, motions = item
     tissue = tissue_named(config.tissue)(body, subject.betas, gravity=config.gravity)
-    for sequence, theta in own:
+    for sequence, theta in motions:
         done = checkpoints / f"{sequence.name}.done"
         if not is_written(done, lambda rows=sequence.frames: _digest(offsets.read(rows))):
             simulated = tissue.offsets(theta.astype(np.float64), FPS)
             offsets.write(sequence.start, simulated)
             mark_written(done, _digest(simulated))
-    return sum(sequence.length for sequence, _ in own)
+    return sum(sequence.length for sequence, _ in motions)
 
 
 def _digest(offsets: NDArray[np.float32]) -> str:
@@ -157,7 +157,7 @@ def _digest(offsets: NDArray[np.float32]) -> str:
 def _make_corpus(
     config: CorpusConfig, plan: CorpusPlan, truth: Artifact, writer: ArtifactWriter
 ) -> None:
-    """Write the files that a licensed user would have, and nothing of the truth."""
+    """Write the files that a user with licences would have, without the truth."""
     body = load_body_model(f"embedded:{config.gender}")
     body.save_smpl_npz(writer.file_path(f"SMPL_{config.gender.upper()}.npz"))
     names = {one.kind: one.source.name for one in plan.held_out if one.source}
@@ -178,17 +178,21 @@ def _make_corpus(
         progress(what="meshes", unit="frame", total=frames) as bar,
     ):
         for sequence in sequences:
-            own_betas = np.asarray(betas[rows[sequence.subject]], np.float64)
-            own_theta = np.asarray(theta[sequence.frames], np.float64)
-            own_offsets = offsets[sequence.frames]
+            shape = np.asarray(betas[rows[sequence.subject]], np.float64)
+            motion = np.asarray(theta[sequence.frames], np.float64)
+            offsets_m = offsets[sequence.frames]
             if static is not None:
-                own_offsets = own_offsets + static[sequence.frames]
-            meshes = posed_meshes(body, own_betas, own_theta, own_offsets)
+                offsets_m = offsets_m + static[sequence.frames]
+            meshes = posed_meshes(body, shape, motion, offsets_m)
             if form:
                 meshes = form.registered(sequence.name, meshes, FPS)
             add(sequence.name, meshes)
             bar.update(sequence.length)
     with h5py.File(path, "r+") as file:
         file.attrs["source"] = "synthetic"
-    own = to_manifest(sequences)
-    writer.record(sequences=own, source="synthetic", gender=config.gender, real_motions=names)
+    writer.record(
+        sequences=to_manifest(sequences),
+        source="synthetic",
+        gender=config.gender,
+        real_motions=names,
+    )

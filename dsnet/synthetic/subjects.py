@@ -1,4 +1,4 @@
-"""The invented people of the corpus; they share names with Dyna's subjects, not bodies."""
+"""The synthetic subjects of the corpus, which share only their names with Dyna's subjects."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Subject:
         return betas.astype(np.float64)
 
 
-# From the heaviest to the leanest, but for the second and third women and men.
+# From the heaviest to the leanest, except for the second and third women and men.
 SUBJECTS: dict[Gender, tuple[Subject, ...]] = {
     "female": (
         Subject("50004", (0.4, 1.9, 1.7, 0.5, 0.6, -0.4)),
@@ -45,7 +45,7 @@ SUBJECTS: dict[Gender, tuple[Subject, ...]] = {
         Subject("50027", (0.2, -1.6, 0.3, -0.8, 0.6, 0.5)),
     ),
 }
-# Seen by no stage before prediction: one of middle weight, one heavier, one lean.
+# Used by no stage before prediction: one of middle weight, one heavier, one lean.
 UNSEEN: dict[Gender, tuple[Subject, ...]] = {
     "female": (
         Subject("99001", (-0.5, 1.3, 0.3, -0.2, 0.8, -0.9)),

@@ -1,8 +1,8 @@
-"""What a corpus may be made with, by name: laws of soft tissue, and forms of its meshes.
+"""Laws of soft tissue and forms of meshes that a corpus can be made with, by name.
 
-A new law is a file with what `TissueLaw` says, and a line: here, or in the function `tissues()` of
-a module that `DSNET_PLUGINS` names (`bridge/plugins.py`); so is a form, in `mesh_forms()`. Laws to
-test predictors on stand outside of the product, so that nothing in it is made for them.
+To add a law, write a `TissueLaw` and register it here or in the function `tissues()` of a module
+that `DSNET_PLUGINS` names (`bridge/plugins.py`); forms are registered in `mesh_forms()`. Laws for
+testing predictors are outside of the product, so that nothing in it is adapted to them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class MovedTissue(Protocol):
 
 
 class TissueLaw(Protocol):
-    """Gives the tissue of a subject: of a body model and a shape (10,)."""
+    """Makes the soft tissue of a subject from a body model and betas (10,)."""
 
     def __call__(
         self, body: BodyModelData, betas: NDArray[np.floating], /, *, gravity: bool
@@ -35,28 +35,28 @@ class TissueLaw(Protocol):
 
 
 class MeshForm(Protocol):
-    """What the meshes of a corpus have besides soft tissue."""
+    """Differences of a corpus's meshes from SMPL other than soft tissue."""
 
     def static(self, subject: str, theta: NDArray[np.floating]) -> NDArray[np.float32]:
-        """What does not move: offsets (T, V, 3) in the rest pose, metres, in poses (T, 69)."""
+        """Static offsets (T, V, 3) in the rest pose, metres, in poses (T, 69)."""
         ...
 
     def registered(self, sequence: str, meshes: NDArray, fps: float) -> NDArray:
-        """Meshes (T, V, 3), metres, as files have them; what differs is no part of the truth."""
+        """Meshes (T, V, 3), metres, with errors of registration, which the truth has not."""
         ...
 
 
 MakeForm = Callable[[BodyModelData, int], MeshForm]
-"""Of a body model and the corpus's seed."""
+"""Makes a form from a body model and the corpus's seed."""
 
 
 def tissue_named(name: str) -> TissueLaw:
-    """The law of a name."""
-    own: dict[str, TissueLaw] = {"own": TissueSimulator}
-    return entry_named(name, "--tissue", with_plugins("tissues", own))
+    """The law of soft tissue with this name."""
+    builtin: dict[str, TissueLaw] = {"own": TissueSimulator}
+    return entry_named(name, "--tissue", with_plugins("tissues", builtin))
 
 
 def form_named(name: str) -> MakeForm | None:
-    """The form of a name; None for clean meshes, which have nothing besides."""
-    own: dict[str, MakeForm | None] = {"clean": None}
-    return entry_named(name, "--form", with_plugins("mesh_forms", own))
+    """The form of meshes with this name; None for clean ones, without further differences."""
+    builtin: dict[str, MakeForm | None] = {"clean": None}
+    return entry_named(name, "--form", with_plugins("mesh_forms", builtin))

@@ -1,10 +1,10 @@
-"""How soft a body is where: from the part of the body and the depth of flesh over its bones.
+"""Softness of each vertex, by the part of the body and the depth of soft tissue over its bones.
 
-Flesh of one part hangs by the same share of its depth everywhere: its frequency goes with one over
-the root of the depth, so who has more of it has softer flesh. On bone skin does not move.
+In one part tissue sags by the same share of its depth everywhere, so its frequency is in proportion
+to one over the square root of the depth: thicker tissue is softer. Skin on bone does not move.
 
-`FLESH` and what follows is the one table of the constants, with their sources; docs/data.md shows
-it, and a test holds the page to it.
+`SOFT_TISSUE` and the constants after it have their sources beside them; docs/data.md shows the
+same table, and a test compares the two.
 """
 
 from __future__ import annotations
@@ -24,41 +24,49 @@ from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
 from dsnet.synthetic.soft_tissue import Array, TissueParameters
 
 
-class Flesh(NamedTuple):
-    """Flesh of one part of the body."""
+class PartTissue(NamedTuple):
+    """Soft tissue of one part of the body."""
 
-    frequency_hz: float  # of a small vertical vibration, standing, apart from its neighbours
-    depth_m: float  # of flesh over the bone at which it has that frequency
+    frequency_hz: float  # of a small vertical vibration, standing, without neighbours
+    depth_m: float  # of tissue over the bone with that frequency
     damping_ratio: float  # of that vibration
     source: str
 
 
-NONE = "not measured; damping as elsewhere"
-FLESH = {
-    "chest": Flesh(3.3, 0.050, 0.215, "breast: damping 0.215, most at 4 Hz (Chen, Ng, Yu 2013)"),
-    "belly": Flesh(5.5, 0.060, 0.22, "unknown; viscera 50 to 80 mm in hops (Minetti, Belli 1994)"),
-    "back": Flesh(6.0, 0.040, 0.22, NONE),
-    "buttocks": Flesh(5.5, 0.050, 0.22, NONE),
-    "upper_arms": Flesh(7.0, 0.025, 0.22, NONE),
-    "forearms": Flesh(10.0, 0.015, 0.22, NONE),
-    "thighs": Flesh(8.0, 0.070, 0.30, "rings at 10 to 11 Hz after a hop (Cereatti's bone pins)"),
-    "calves": Flesh(10.0, 0.045, 0.30, "10 to 65 Hz (Wakeling 2001)"),
+_NOT_MEASURED = "not measured; damping as elsewhere"
+SOFT_TISSUE = {
+    "chest": PartTissue(
+        3.3, 0.050, 0.215, "breast: damping 0.215, most at 4 Hz (Chen, Ng, Yu 2013)"
+    ),
+    "belly": PartTissue(
+        5.5, 0.060, 0.22, "unknown; viscera 50 to 80 mm in hops (Minetti, Belli 1994)"
+    ),
+    "back": PartTissue(6.0, 0.040, 0.22, _NOT_MEASURED),
+    "buttocks": PartTissue(5.5, 0.050, 0.22, _NOT_MEASURED),
+    "upper_arms": PartTissue(7.0, 0.025, 0.22, _NOT_MEASURED),
+    "forearms": PartTissue(10.0, 0.015, 0.22, _NOT_MEASURED),
+    "thighs": PartTissue(
+        8.0, 0.070, 0.30, "rings at 10 to 11 Hz after a hop (Cereatti's bone pins)"
+    ),
+    "calves": PartTissue(10.0, 0.045, 0.30, "10 to 65 Hz (Wakeling 2001)"),
 }
-"""By part of the body (`bridge.body.parts`); of what is not named the skin lies on bone."""
-MENS_FLESH = {
-    "chest": Flesh(4.0, 0.050, 0.22, "muscle: half as far as before, by markers on a man's kick"),
+"""By part of the body (`bridge.body.parts`); on other parts the skin lies on bone."""
+MENS_SOFT_TISSUE = {
+    "chest": PartTissue(
+        4.0, 0.050, 0.22, "muscle: half as far as before, by markers on a man's kick"
+    ),
 }
-"""Where men's differs."""
+"""Parts in which men's differs."""
 PRELOAD = 2.0
-"""Sag of standing flesh over that of linear springs; 2: without weight it swings half as fast. From
-markers on a jumping woman; her law's stiffening about the standing shape has the wrong sign."""
+"""Sag in standing relative to linear springs; 2: without weight the frequency is half. From markers
+on a jumping woman, with whom stiffening about the standing shape would have the wrong sign."""
 WAVE_SPEED_M_S = 0.4
-"""That couples skin with its neighbours; markers say 0.3 to 0.6, and trade it with frequency."""
+"""Couples skin with its neighbours; markers give 0.3 to 0.6, correlated with the frequency."""
 FIRMEST_HZ = 20.0
-"""Of thin flesh, beside bone."""
+"""Highest frequency, of thin tissue beside bone."""
 
-# Radius of bone about the line from a joint's parent to the joint; the trunk's is that of spine and
-# pelvis with what is firm about them.
+# Radius of bone about the line from a joint's parent to the joint; in the trunk that of spine and
+# pelvis with the firm tissue around them.
 _BONE_RADIUS_M = {
     "hip": 0.065, "knee": 0.030, "ankle": 0.022, "foot": 0.05, "spine1": 0.07, "spine2": 0.072,
     "spine3": 0.078, "neck": 0.07, "head": 0.07, "collar": 0.06, "shoulder": 0.055,
@@ -69,7 +77,7 @@ _JOINT_RADIUS_M = {"knee": 0.05, "ankle": 0.04, "elbow": 0.036, "wrist": 0.03}
 # The ribs' width over their depth; half the width of the breastbone, and of its border.
 _RIBS_WIDTH = 1.6
 _BREASTBONE_M = (0.024, 0.010)
-# Reach along and across of what is taken for the skin on breastbone and spine at a height.
+# Standard deviations, lateral and vertical, of the weights of skin on breastbone and spine.
 _MIDDLE_M = np.array([0.015, 0.020])
 # The shin lies in front of the line from knee to ankle: cosine of the angle at its border.
 _SHIN_COSINE = (0.85, 0.15)
@@ -80,14 +88,14 @@ def tissue_parameters(data: BodyModelData, betas: Array) -> TissueParameters:
     """Mechanics of the tissue of the body with shape `betas` (10,)."""
     vertices = shaped_vertices(data, betas[None])[0]
     bone = on_bone(data, vertices)
-    parts = part_weights(data)[:, [PARTS.index(name) for name in FLESH]]
+    parts = part_weights(data)[:, [PARTS.index(name) for name in SOFT_TISSUE]]
     parts = parts / np.maximum(parts.sum(axis=1, keepdims=True), 1e-3)
-    flesh = FLESH | (MENS_FLESH if data.gender == "male" else {})
-    frequency_hz, depth_m, damping_ratio = np.array([row[:3] for row in flesh.values()]).T
+    tissue = SOFT_TISSUE | (MENS_SOFT_TISSUE if data.gender == "male" else {})
+    frequency_hz, depth_m, damping_ratio = np.array([row[:3] for row in tissue.values()]).T
     softness = np.exp(parts @ np.log(frequency_hz**2 * depth_m))
-    there_m = flesh_depth_m(data, vertices) * np.clip(1 - 2 * bone, 0.0, 1.0)
+    local_depth_m = tissue_depth_m(data, vertices) * np.clip(1 - 2 * bone, 0.0, 1.0)
     return TissueParameters(
-        frequency_hz=np.sqrt(softness / np.maximum(there_m, softness / FIRMEST_HZ**2)),
+        frequency_hz=np.sqrt(softness / np.maximum(local_depth_m, softness / FIRMEST_HZ**2)),
         damping_ratio=parts @ damping_ratio,
         preload=PRELOAD,
         wave_speed_m_s=WAVE_SPEED_M_S,
@@ -96,8 +104,9 @@ def tissue_parameters(data: BodyModelData, betas: Array) -> TissueParameters:
 
 
 def on_bone(data: BodyModelData, vertices: Array) -> Array:
-    """(V,) 1 where skin lies on bone: skull and neck, hands, feet, shins and breastbone of a shaped
-    body (V, 3); 0 on flesh, smooth over the border.
+    """(V,) 1 where skin lies on bone, 0 on soft tissue, smooth between, of a shaped body (V, 3).
+
+    Bone is at skull and neck, hands, feet, shins and breastbone.
     """
     parts = dict(zip(PARTS, part_weights(data).T, strict=True))
     bone = parts["head"] + parts["hands"] + parts["feet"]
@@ -116,8 +125,8 @@ def on_bone(data: BodyModelData, vertices: Array) -> Array:
     return np.clip(bone, 0.0, 1.0)
 
 
-def flesh_depth_m(data: BodyModelData, vertices: Array) -> Array:
-    """(V,) depth of flesh under the skin of a shaped body (V, 3), metres; smooth."""
+def tissue_depth_m(data: BodyModelData, vertices: Array) -> Array:
+    """(V,) depth of soft tissue under the skin of a shaped body (V, 3), metres, smoothed."""
     joints = data.J_regressor @ vertices
     depth_m = np.full(len(vertices), np.inf)
     for joint, parent in enumerate(data.parents):
@@ -138,9 +147,9 @@ def flesh_depth_m(data: BodyModelData, vertices: Array) -> Array:
 
 
 def _over_ribs_m(data: BodyModelData, vertices: Array) -> Array:
-    """(V,) how far skin stands out from an ellipse, at each height, through breastbone and spine.
+    """(V,) distance of skin from an ellipse, at each height, through breastbone and spine.
 
-    Skin lies on these; what stands out between them, a breast or a muscle, is flesh.
+    At these two skin lies on bone; between them the distance is the depth of breast or muscle.
     """
     parts = dict(zip(PARTS, part_weights(data).T, strict=True))
     front = _middle_z_m(vertices, parts["chest"] + parts["belly"])
@@ -152,19 +161,19 @@ def _over_ribs_m(data: BodyModelData, vertices: Array) -> Array:
 
 
 def _middle_z_m(vertices: Array, weights: Array) -> Array:
-    """(V,) z of the skin in the body's middle at each vertex's height, by weights (V,)."""
-    there = np.flatnonzero((weights > 0.5) & (np.abs(vertices[:, 0]) < 3 * _MIDDLE_M[0]))
-    x, y, z = vertices[there].T
+    """(V,) z of the skin in the sagittal plane at each vertex's height, by weights (V,)."""
+    chosen = np.flatnonzero((weights > 0.5) & (np.abs(vertices[:, 0]) < 3 * _MIDDLE_M[0]))
+    x, y, z = vertices[chosen].T
     heights = (vertices[:, 1, None] - y) / _MIDDLE_M[1]
     near = np.exp(-((x / _MIDDLE_M[0]) ** 2 + np.minimum(heights**2, 600.0)) / 2)
     return near @ z / near.sum(axis=1)
 
 
 def _from_line(points: Array, start: Array, stop: Array) -> Array:
-    """(N, 3) the way to points (N, 3) from the nearest place between start and stop."""
+    """Vectors (N, 3) to points (N, 3) from the nearest point between start and stop."""
     line = stop - start
-    share = np.clip((points - start) @ line / (line @ line), 0.0, 1.0)
-    return points - start - share[:, None] * line
+    fraction = np.clip((points - start) @ line / (line @ line), 0.0, 1.0)
+    return points - start - fraction[:, None] * line
 
 
 def _fall(x: Array) -> Array:

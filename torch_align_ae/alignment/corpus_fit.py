@@ -1,8 +1,8 @@
-"""What both aligners share: an artifact that is filled window by window, and gone on with.
+"""Common to both aligners: filling an artifact window by window, with checkpoints.
 
-First an aligner learns what it has to know of the subjects, which is one checkpoint. Then it fits
-windows of frames; groups of them are further checkpoints, each a digest of what the files hold. A
-group whose digest does not hold, or that is missing, is fitted again, with the same result.
+First an aligner calibrates the subjects; the result is one checkpoint. Then it fits windows of
+frames. For each finished group of windows a digest of the arrays is stored as a checkpoint. A group
+whose digest is missing or does not match is fitted again, with the same result.
 """
 
 from __future__ import annotations
@@ -32,21 +32,23 @@ from torch_align_ae.body import SMPL, rest_pose_offsets
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
 _WORST_MEAN_M = 0.2
-# Of every so many vertices it is seen whether meshes repeat.
-_EVERY = 100
+# Every how many vertices are compared to find repeated meshes.
+_EVERY_VERTEX = 100
 
 
 class Meshes(Protocol):
     """The meshes of one sequence."""
 
     def read(self, start: int, stop: int, every: int = 1) -> NDArray[np.float32]:
-        """Frames [start, stop) as (n, V, 3), metres, of every so many of the vertices; in any
-        thread or process."""
+        """Frames [start, stop) as (n, V, 3), metres, with every `every`-th vertex.
+
+        It may be called in any thread or process.
+        """
         ...
 
 
 class Window(NamedTuple):
-    """Consecutive frames of one sequence, counted within it."""
+    """Consecutive frames of one sequence, by their numbers in it."""
 
     sequence: MotionSequence
     start: int
@@ -66,7 +68,7 @@ def windows(sequence: MotionSequence, frames: int) -> list[Window]:
 
 @dataclass(frozen=True)
 class AlignedFiles:
-    """`theta`, `offsets` and `frame_error` of the artifact, which workers anywhere fill."""
+    """`theta`, `offsets` and `frame_error` of the artifact, which workers on any machine fill."""
 
     theta: ArrayFile  # (F, 69) radians, and metres
     offsets: ArrayFile  # (F, V, 3) metres in the rest pose, Eq. 5
@@ -74,7 +76,7 @@ class AlignedFiles:
 
     @classmethod
     def of(cls, writer: ArtifactWriter, frames: int, vertex_count: int) -> AlignedFiles:
-        """Those of the artifact being written; what they hold already stays."""
+        """Open the arrays of the artifact being written, with what they already contain."""
         return cls(
             writer.array_file("theta", (frames, THETA_SIZE), np.float32, "rad and m"),
             writer.array_file("offsets", (frames, vertex_count, 3), np.float32, "m"),
@@ -84,28 +86,28 @@ class AlignedFiles:
     def store(
         self, smpl: SMPL, window: Window, betas: Tensor, pose: Tensor, trans: Tensor, mesh: Tensor
     ) -> None:
-        """Write offsets and errors of n frames, their shape (10,) and poses being known.
+        """Write offsets and errors of n frames with their fitted betas (10,) and poses.
 
-        `pose` (n, 22, 3) is in radians, `trans` (n, 3) and `mesh` (n, V, 3) in metres. Frames whose
-        mean distance from the fitted body no soft tissue explains are refused.
+        `pose` (n, 22, 3) is in radians, `trans` (n, 3) and `mesh` (n, V, 3) in metres. DsnetError
+        if the mean distance of a frame from the fitted body is too large for soft tissue.
         """
         offsets, distances = rest_pose_offsets(smpl, mesh, betas.expand(len(mesh), -1), pose, trans)
         frame_error = distances.mean(1)
         if not (frame_error < _WORST_MEAN_M).all():
-            # What is not a number counts as the worst.
+            # NaN counts as the worst.
             worst = int(frame_error.nan_to_num(torch.inf, torch.inf).argmax())
             raise DsnetError(
                 f"{window.sequence.name}, whose frame {window.start + worst} stays"
                 f" {100 * frame_error[worst]:.0f} cm from SMPL",
                 "meshes with SMPL's vertex order",
-                "Register the meshes to SMPL's template, leave this sequence out, or take more"
+                "Register the meshes to SMPL's template, leave this sequence out, or pass more"
                 " steps.",
             )
         self.offsets.write(window.rows.start, offsets.numpy())
         self.frame_error.write(window.rows.start, frame_error.numpy())
 
-    def oddities(self, sequence: MotionSequence, meshes: Meshes, close_m: float) -> Iterator[str]:
-        """What is odd about an aligned sequence that is used all the same."""
+    def warnings(self, sequence: MotionSequence, meshes: Meshes, close_m: float) -> Iterator[str]:
+        """Warnings about an aligned sequence, one line each."""
         name, rows = sequence.name, sequence.frames
         pose, trans_m = unpack_theta(self.theta.read(rows).astype(np.float64))
         if (fall_g := steepest_fall_g(trans_m[:, 1], sequence.fps)) > MOST_FALL_G:
@@ -113,14 +115,14 @@ class AlignedFiles:
                 f"{name} falls with {fall_g:.1f} times gravity at {sequence.fps:g} frames a second:"
                 " its meshes have another rate, or repeat where scans failed"
             )
-        some = meshes.read(0, sequence.length, _EVERY)
-        if (repeated := repeated_frames(some, sequence.fps)).any():
+        sample = meshes.read(0, sequence.length, _EVERY_VERTEX)
+        if (repeated := repeated_frames(sample, sequence.fps)).any():
             yield (
                 f"{name} repeats {repeated.sum()} of its {len(repeated)} meshes while the body"
                 f" moves, first number {repeated.argmax()}: cut it there"
             )
         if is_head_down(pose):
-            yield f"{name} hangs head down for most of it: y of its meshes may point down"
+            yield f"{name} is head down for most of it: y of its meshes may point down"
         if (off_m := self.frame_error.read(rows).mean()) > close_m:
             yield (
                 f"{name} stays {100 * off_m:.0f} cm from SMPL: more than one person may be named"
@@ -128,17 +130,17 @@ class AlignedFiles:
             )
 
     def digest(self, group: Iterable[Window]) -> str:
-        """Of what the files hold of these windows now."""
+        """Digest of the present contents of these windows."""
         files = vars(self).items()
-        held = ({name: file.read(window.rows) for name, file in files} for window in group)
-        return json_sha256([arrays_sha256(arrays) for arrays in held])
+        windows = ({name: file.read(window.rows) for name, file in files} for window in group)
+        return json_sha256([arrays_sha256(arrays) for arrays in windows])
 
 
 class CorpusFit(ABC):
-    """A corpus to align by one method; `write` fills the artifact."""
+    """Alignment of a corpus by one method; `write` fills the artifact."""
 
     close_m = np.inf
-    """Below it, metres, a sequence's mean distance from SMPL stays with any settings."""
+    """Mean distance of a sequence from SMPL, metres, above which there is a warning."""
 
     def __init__(
         self, smpl: SMPL, sequences: Sequence[MotionSequence], meshes: Mapping[str, Meshes]
@@ -147,7 +149,7 @@ class CorpusFit(ABC):
 
     @abstractmethod
     def learn(self) -> dict[str, NDArray]:
-        """`betas` (S, 10), and whatever else fitting begins with."""
+        """`betas` (S, 10), and other arrays that `fit` needs."""
 
     @abstractmethod
     def groups(self) -> list[list[Window]]:
@@ -162,12 +164,12 @@ class CorpusFit(ABC):
     ) -> Generator[NDArray[np.float32], None, None]:
         """theta (n, 69) of each window, in order.
 
-        Workers write the rest to the files; before a theta is asked for, all those before it are
-        in the files.
+        Workers write the other arrays to the files. When the next theta is requested, all previous
+        ones are already in the files.
         """
 
     def write(self, writer: ArtifactWriter) -> None:
-        """Write all arrays, or the part that an earlier process left to do."""
+        """Write all arrays; work that an earlier process has finished is not repeated."""
         checkpoint = writer.checkpoints / "subjects.safetensors"
         if (learned := load_checkpoint(checkpoint)) is None:
             learned = self.learn()
@@ -187,7 +189,7 @@ class CorpusFit(ABC):
                     bar.update(len(theta))
                 mark_written(mark, files.digest(group))
         for sequence in self.sequences:
-            for oddity in files.oddities(sequence, self.meshes[sequence.name], self.close_m):
-                notify(oddity)
+            for warning in files.warnings(sequence, self.meshes[sequence.name], self.close_m):
+                notify(warning)
         writer.put("betas", learned["betas"], "1")
         writer.record(sequences=to_manifest(self.sequences))

@@ -4,9 +4,9 @@ With residuals r = s - x(theta) at weights w and the Jacobian J of x, a step sol
 
     (J^T W J + damping) change = J^T W r,
 
-the minimum of the squared distances if x were linear. Unknowns are turns about the world's axes,
-not axis-angle components: their Jacobian is a cross product (`linearise`) and has no singular
-poses. A patch depends on a few joints only, so its J^T W J is a small block of the whole.
+the minimum of the squared distances if x were linear. Unknowns are small rotations about the
+world's axes, not axis-angle components: their Jacobian is a cross product (`linearise`) and has no
+singular poses. A patch depends on a few joints only, so its J^T W J is a small block of the whole.
 
 The normal equations of one body's shape in B poses have a block for each pose, coupled by the betas
 alone. So poses are eliminated one by one, and 10 equations are left (the Schur complement).
@@ -24,35 +24,35 @@ from torch_align_ae.alignment.skin_sample import Pose, Posed, SampledPatch, Shap
 from torch_align_ae.body.rotations import axis_angle_to_matrix, nearest_rotation
 
 _POSE_UNKNOWNS = 3 * N_JOINTS + 3
-# Relative to each unknown's own curvature. Leaves a millionth of a well-determined step undone
-# and keeps the undetermined ones (the twist of a limb of which nothing is seen) finite.
+# Relative to the curvature by each unknown. It shortens a well-determined step by a millionth and
+# keeps undetermined ones finite, such as the twist of a limb without vertices in the sample.
 _DAMPING = 1e-6
 
 
 def initial_pose(shaped: Shaped, target: Tensor) -> Pose:
-    """Where to begin: each bone turned as its vertices are, orthogonal Procrustes, bone by bone.
+    """Initial poses by orthogonal Procrustes, bone by bone.
 
-    Blended skinning and pose blend shapes are left out, so joints are a few degrees off. `target`
-    is the sample (B, 3, N) of the meshes, metres.
+    Blended skinning and pose blend shapes are neglected, so joint angles have errors of a few
+    degrees. `target` is the sample (B, 3, N) of the meshes, metres.
     """
-    share = shaped.sample.weights.square()
-    share = share / share.sum(1, keepdim=True)
-    source = share @ shaped.vertices.T
-    centre = torch.einsum("jn,bxn->bjx", share, target)
-    spread = torch.einsum("jn,bxn,yn->bjxy", share, target, shaped.vertices)
-    turn = nearest_rotation(spread - centre[..., None] * source[:, None])
+    weights = shaped.sample.weights.square()
+    weights = weights / weights.sum(1, keepdim=True)
+    source = weights @ shaped.vertices.T
+    centre = torch.einsum("jn,bxn->bjx", weights, target)
+    products = torch.einsum("jn,bxn,yn->bjxy", weights, target, shaped.vertices)
+    turn = nearest_rotation(products - centre[..., None] * source[:, None])
     rotations = turn.clone()
     rotations[:, 1:] = turn[:, list(shaped.sample.parents[1:])].mT @ turn[:, 1:]
     root = shaped.joints[0]
-    # The root turns about its own joint: R (x - root) + root + trans.
+    # The root rotates about its joint: R (x - root) + root + trans.
     trans = centre[:, 0] - turn[:, 0] @ (source[0] - root) - root
     return Pose(rotations, trans)
 
 
 def fit_poses(shaped: Shaped, target: Tensor, weights: Tensor, pose: Pose, steps: int) -> Pose:
-    """Poses of one body that bring the sample near to targets (B, 3, N), metres.
+    """Fit poses of one body to targets (B, 3, N), metres, by weighted least squares.
 
-    `weights` (N,) are those of the squared distances, `pose` is where to start.
+    `weights` (N,) are those of the squared distances, `pose` is the initial pose.
     """
     for _ in range(steps):
         posed = shaped.posed(pose)
@@ -79,16 +79,17 @@ def normal_equations(
     curvature = target.new_zeros(count, size, size, dtype=torch.float64 if by_betas else None)
     pull = curvature.new_zeros(count, size)
     for patch in sample.patches:
-        own = scale[patch.vertices]
-        places_m, jacobian = patch.linearise(posed, own)
-        residual = torch.addcmul(-places_m, target[:, :, patch.vertices], own).flatten(1)
+        patch_scale = scale[patch.vertices]
+        vertices_m, jacobian = patch.linearise(posed, patch_scale)
+        scaled_target = target[:, :, patch.vertices]
+        residual = torch.addcmul(-vertices_m, scaled_target, patch_scale).flatten(1)
         rows = jacobian.flatten(3).flatten(1, 2)
         unknowns = torch.cat([patch.joints, torch.tensor([N_JOINTS])])
         places = shapes + (3 * unknowns[:, None] + torch.arange(3)).flatten()
         if by_betas is not None:
-            rows = torch.cat([(by_betas(patch) * own).flatten(2), rows], 1)
+            rows = torch.cat([(by_betas(patch) * patch_scale).flatten(2), rows], 1)
             places = torch.cat([torch.arange(shapes), places])
-        # Indexed one axis after the other: both at once would copy the whole array.
+        # Indexed one axis after the other, as indexing both would copy the whole array.
         by_row = curvature.new_zeros(count, len(places), size)
         by_row[:, :, places] = (rows @ rows.mT).to(by_row)
         curvature.index_add_(1, places, by_row)
@@ -99,7 +100,7 @@ def normal_equations(
 def solve_damped(curvature: Tensor, pull: Tensor) -> Tensor:
     """(..., U) or (..., U, n) solution in float64: float32 would lose weakly determined unknowns.
 
-    Damping is relative to each one's own curvature, or to their mean where it has none.
+    Damping is relative to the curvature by each unknown, or to the mean where that is 0.
     """
     curvature, pull = curvature.double(), pull.double()
     diagonal = curvature.diagonal(dim1=-2, dim2=-1)
@@ -110,7 +111,7 @@ def solve_damped(curvature: Tensor, pull: Tensor) -> Tensor:
 
 
 def moved(posed: Posed, change: Tensor) -> Pose:
-    """Poses after turns about the world's axes and a translation (B, 69)."""
+    """Poses after small rotations about the world's axes and a translation (B, 69)."""
     turns = change[:, : 3 * N_JOINTS].unflatten(1, (N_JOINTS, 3))
     parents = list(posed.shaped.sample.parents[1:])
     in_parent = (posed.turn[:, parents].mT @ turns[:, 1:, :, None])[..., 0]
@@ -120,19 +121,19 @@ def moved(posed: Posed, change: Tensor) -> Pose:
 
 
 def fit_shape(sample: SkinSample, target: Tensor, steps: int) -> Tensor:
-    """betas (10,) of the one body that is seen in all frames (B, 3, N) of `target`, metres.
+    """betas (10,) of the one body in all frames (B, 3, N) of `target`, metres.
 
-    Every vertex counts alike: how soft they are is not known before the shape is.
+    All vertices have equal weights, as their softness is estimated only after the shape.
     """
     betas = target.new_zeros(len(sample.smpl.shapedirs))
     pose = initial_pose(sample.shaped(betas), target)
-    alike = target.new_ones(len(sample))
+    weights = target.new_ones(len(sample))
     for _ in range(steps):
         shaped = sample.shaped(betas)
-        curvature, pull, free, less = shape_equations(shaped, pose, target, alike)
+        curvature, pull, free, less = shape_equations(shaped, pose, target, weights)
         change = solve_damped(curvature, pull)
-        of_pose = (free - less @ change).to(target.dtype)
-        pose = moved(shaped.posed(pose), of_pose)
+        pose_change = (free - less @ change).to(target.dtype)
+        pose = moved(shaped.posed(pose), pose_change)
         betas = betas + change.to(target.dtype)
     return betas
 
@@ -140,11 +141,11 @@ def fit_shape(sample: SkinSample, target: Tensor, steps: int) -> Tensor:
 def shape_equations(
     shaped: Shaped, pose: Pose, target: Tensor, weights: Tensor
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """What B frames (B, 3, N), metres, say about the betas, whatever the poses.
+    """Normal equations of the betas after eliminating the poses of B frames (B, 3, N), metres.
 
-    Curvature (10, 10) and pull (10,), to be summed over frames; and how the poses answer: by
-    (B, 69) with fixed betas, less (B, 69, 10) by the betas. `weights` (N,) are those of the squared
-    distances.
+    Curvature (10, 10) and pull (10,), summed over frames. The optimal change of the poses is then
+    `free` (B, 69) less `less` (B, 69, 10) times that of the betas. `weights` (N,) are those of the
+    squared distances.
     """
     sample, posed = shaped.sample, shaped.posed(pose)
     joint_shapedirs = sample.smpl.joint_shapedirs[:, :N_JOINTS]

@@ -1,15 +1,14 @@
-"""Bones in motion, and the gradient of what they carry, written out by hand.
+"""Forward kinematics of a joint tree and its gradient, written out by hand.
 
-A joint feels the force and the torque of everything that hangs on it, as in rigid-body
-mechanics. Let G = [G_R g] be the derivatives by T_world_rest = [R t] of one bone. A small turn w
-about the world's origin changes R by w x R and t by w x t, so the distance by w . (sum of columns
-R_i x G_i + t x g): the bone's torque about the origin; g is its force. Turning a joint moves its
-whole subtree, and about the joint's own place p instead of the origin: the torque there is
+The derivatives by a joint are sums of forces and torques over its subtree, as in rigid-body
+mechanics. Let G = [G_R g] be the derivatives by T_world_rest = [R t] of one bone. A small rotation
+w about the world's origin changes R by w x R and t by w x t, so the distance by w . (sum of columns
+R_i x G_i + t x g): the bone's torque about the origin; g is its force. Rotating a joint moves its
+whole subtree about the joint's position p instead of the origin, by the torque
 (sum of torques) - p x (sum of forces).
 
-Vectors and matrices of bones stand component first, (3, B, J) and (3, 3, B, J), so that each
-operation runs over all joints of the batch in one sweep: on matrices of 3 x 3 side by side PyTorch
-takes far longer.
+Vectors and matrices of bones have components first, (3, B, J) and (3, 3, B, J), so that each
+operation runs over all joints of the batch at once: PyTorch is far slower on many 3 x 3 matrices.
 """
 
 from __future__ import annotations
@@ -27,12 +26,12 @@ _SMALLEST_SQUARED = 1e-8
 
 
 class Bones(NamedTuple):
-    """Bones of a batch in motion, J joints each."""
+    """Transforms of the bones of a batch, J joints each."""
 
     jacobian: Tensor  # (3, 3, B, J) turn in the parent's frame by a change of the axis-angle vector
     pose_features: Tensor  # (3, 3, B, J) R - I, R being the rotation in the parent's frame
-    T_world_joint: Tensor  # (3, 4, B, J + 1); the last is the world's own frame
-    T_world_rest: Tensor  # (3, 4, B, J) where a bone carries its skin
+    T_world_joint: Tensor  # (3, 4, B, J + 1); the last is the world itself
+    T_world_rest: Tensor  # (3, 4, B, J) from the rest pose to the posed body
 
 
 class JointTree:
@@ -42,8 +41,8 @@ class JointTree:
         world = len(parents)
         above = [world, *parents[1:], world]
         self._above = torch.tensor(above)
-        # What each frame is chained to, round by round, until all are relative to the world. A
-        # round doubles the number of joints that a frame has behind it.
+        # In each round every frame is multiplied by that of another joint, until all are relative
+        # to the world. A round doubles the number of joints between a frame and its reference.
         self._rounds = []
         while set(above) != {world}:
             self._rounds.append(torch.tensor(above))
@@ -71,16 +70,17 @@ class JointTree:
         return Bones(jacobian, pose_features, frames, rest)
 
     def gradient(
-        self, bones: Bones, by_carrying: Tensor, by_pose_features: Tensor
+        self, bones: Bones, by_transforms: Tensor, by_pose_features: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Derivatives by pose (B, J, 3), trans (B, 3) and the joints' places at rest (B, J, 3).
+        """Derivatives by pose (B, J, 3), trans (B, 3) and joints in the rest pose (B, J, 3).
 
-        From those by `T_world_rest` and, (3, 3, B, J - 1), `pose_features` of all but the root.
+        They follow from those by `T_world_rest` and by the `pose_features` (3, 3, B, J - 1) of all
+        joints but the root.
         """
         turn, place = bones.T_world_joint[:, :3], bones.T_world_joint[:, 3, :, :-1]
         above = turn.index_select(3, self._above[:-1])
-        torque = _moment(bones.T_world_rest, by_carrying)
-        force, torque = (torch.stack([by_carrying[:, 3], torque]) @ self._subtree.T).unbind()
+        torque = _moment(bones.T_world_rest, by_transforms)
+        force, torque = (torch.stack([by_transforms[:, 3], torque]) @ self._subtree.T).unbind()
         torque -= torch.linalg.cross(place, force, dim=0)
         spin = _transposed_times(above, torque)
         rotation = bones.pose_features[..., 1:] + self._identity

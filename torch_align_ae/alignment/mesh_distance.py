@@ -1,17 +1,16 @@
 """The mesh distance of Section 3.3 and its gradient, written out by hand.
 
-An alignment evaluates it hundreds of thousands of times, so it goes through the skin patch by
-patch, each while it is in the cache, and keeps only sums over vertices for the bones. Automatic
-differentiation gives the same numbers; on the one thread of a worker it takes several times as
-long, about three times even patch by patch (`benchmarks.alignment.gradients`), and for the bones
-alone five times.
+An alignment evaluates it hundreds of thousands of times. So it is computed patch by patch, while a
+patch is in the cache, and only sums over vertices are kept for the bones. Automatic differentiation
+gives the same numbers, but in the one thread of a worker takes several times as long: three times
+even patch by patch (`benchmarks.alignment.gradients`), and five times for the bones alone.
 
 *Skin.* With w_k the weights, T_k = [R_k t_k] the bones' transforms and x the rest vertex, the posed
 vertex less the mesh's is r = sum_k w_k (R_k x + t_k) - s. Of half the squared distance, |r|^2 / 2,
 the derivatives are r by t, r x^T by R (both blended, so weighted by w_k for bone k) and
-(sum_k w_k R_k)^T r by x, and what x gets the blend shapes pass on to their features.
+(sum_k w_k R_k)^T r by x; from the latter follow those by the features of the blend shapes.
 
-*Bones.* `joint_tree`, which says how its vectors and matrices stand.
+*Bones.* See `joint_tree`, also for the layout of its vectors and matrices.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from torch_align_ae.alignment.joint_tree import Bones, JointTree
 from torch_align_ae.body import SMPL
 
 _SMALLEST_DISTANCE_M = 1e-12
-# Measured: smaller patches spend their time between operations, larger ones leave the cache.
+# Measured: smaller patches have too much overhead, larger ones do not fit into the cache.
 _LARGEST_MERGED_PATCH = 800
 
 
@@ -39,18 +38,18 @@ class SkinPatch(NamedTuple):
     weights: Tensor  # (K, N) their skinning weights
     features: Tensor  # (P,) entries of R - I, of all joints but the root, that correct them
     posedirs: Tensor  # (P, 3 N) displacement per unit of each, metres: all x, all y, all z
-    posedirs_by_row: Tensor  # (3 N, P) once more: sums over vertices are three times faster so
+    posedirs_by_row: Tensor  # (3 N, P) transposed: sums over vertices are three times faster
 
 
 def cut_into_patches(weights: Tensor, posedirs: Tensor, parents: Sequence[int]) -> list[SkinPatch]:
-    """Patches of a bone or a few, which hold every vertex once.
+    """Divide all vertices into patches that one or a few bones move.
 
-    Nothing is left out: a bone or a joint that does not occur in a patch has weights (J, V) or
-    blend shapes (9 (J - 1), 3, V) of exactly zero there.
+    This is exact: a bone or joint that is missing in a patch has weights (J, V) or blend shapes
+    (9 (J - 1), 3, V) of exactly zero there.
     """
     main_bone = weights.argmax(0)
     sizes = torch.bincount(main_bone, minlength=len(weights)).tolist()
-    # For each bone, the bone that stands for its patch: children join parents while they fit.
+    # For each bone, the bone that represents its patch: children are merged into their parents.
     joined = list(range(len(sizes)))
     for bone in range(len(sizes) - 1, 0, -1):
         parent = parents[bone]
@@ -63,28 +62,35 @@ def cut_into_patches(weights: Tensor, posedirs: Tensor, parents: Sequence[int]) 
     patches = []
     for patch in patch_of_vertex.unique():
         vertices = (patch_of_vertex == patch).nonzero()[:, 0]
-        own, directions = weights[:, vertices], posedirs[:, :, vertices].flatten(1)
-        bones, features = own.any(1).nonzero()[:, 0], directions.any(1).nonzero()[:, 0]
+        patch_weights, directions = weights[:, vertices], posedirs[:, :, vertices].flatten(1)
+        bones, features = patch_weights.any(1).nonzero()[:, 0], directions.any(1).nonzero()[:, 0]
         directions = directions[features]
         patches.append(
-            SkinPatch(vertices, bones, own[bones], features, directions, directions.T.contiguous())
+            SkinPatch(
+                vertices,
+                bones,
+                patch_weights[bones],
+                features,
+                directions,
+                directions.T.contiguous(),
+            )
         )
     return patches
 
 
 class _PatchWork:
-    """A patch of N vertices and the memory for a batch's work on it.
+    """A patch of N vertices and the memory to compute a batch of it.
 
-    Every view of the memory is made once: at each step views would cost as much as the
-    arithmetic, and fresh pages more. Of `planes` (B * 12 N or more numbers) and `rest` (B * 3 N)
-    other patches make use, too; `target` (B, 3 N) is metres.
+    Views of the memory are made only once: in each step they would take as long as the arithmetic,
+    and new memory longer. All patches share `planes` (B * 12 N or more numbers) and `rest`
+    (B * 3 N); `target` (B, 3 N) is in metres.
     """
 
     def __init__(self, patch: SkinPatch, target: Tensor, planes: Tensor, rest: Tensor) -> None:
         self._patch = patch
         count, size = len(target), len(patch.vertices)
         self._target = target.view(count, 3, size)
-        # Each vertex's blended transform, columns before rows, and later the derivatives by it.
+        # The blended transform of each vertex, columns before rows; later its derivatives.
         self._planes = planes[: count * 12 * size].view(count * 12, size)
         columns = self._planes.view(count, 4, 3, size)
         self._turn, self._residual = columns[:, :3], columns[:, 3]
@@ -100,13 +106,14 @@ class _PatchWork:
         self.by_shaped = torch.zeros_like(self._rest)
         self._by_shaped = self.by_shaped.view(count, 3, size)
 
-    def distance(self, shaped: Tensor, carrying: Tensor, features: Tensor) -> Tensor:
-        """Distances (B,) of the posed patch, metres; leaves the derivatives.
+    def distance(self, shaped: Tensor, transforms: Tensor, features: Tensor) -> Tensor:
+        """Distances (B,) of the posed patch, metres; stores the derivatives.
 
-        Of the patch at rest without pose blend shapes (B, 3 N), metres, the bones' transforms
-        (B * 12, K), columns before rows, and entries of R - I (B, P).
+        `shaped` (B, 3 N) is the patch in the rest pose without pose blend shapes, metres,
+        `transforms` (B * 12, K) are those of the bones, columns before rows, and `features` (B, P)
+        entries of R - I.
         """
-        torch.mm(carrying, self._patch.weights, out=self._planes)
+        torch.mm(transforms, self._patch.weights, out=self._planes)
         torch.addmm(shaped, features, self._patch.posedirs, out=self._rest)
         self._residual.sub_(self._target)
         for column, coordinate in self._skinning:
@@ -123,7 +130,7 @@ class _PatchWork:
 
 
 class Shapes(NamedTuple):
-    """Bodies of a batch at rest, without pose blend shapes."""
+    """Bodies of a batch in the rest pose, without pose blend shapes."""
 
     objective: MeshDistance
     vertices: Tensor  # (B, 3 V) metres, in the order of `MeshDistance.arrange`
@@ -144,7 +151,7 @@ class Gradient(NamedTuple):
 class MeshDistance:
     """|| W(T + M_S(beta) + M_P(theta)) - S ||_2 for batches of bodies with 22 moving joints.
 
-    Hands never move in theta, so their vertices are handed to the wrists.
+    theta has no hands, so their skinning weights are added to the wrists'.
     """
 
     def __init__(self, smpl: SMPL) -> None:
@@ -179,13 +186,13 @@ class MeshDistance:
 
 
 class DistanceTo:
-    """`MeshDistance` of a batch of bodies to a mesh each, with the memory that it works in."""
+    """`MeshDistance` of a batch of bodies to one mesh each, with memory for the computation."""
 
     def __init__(self, objective: MeshDistance, target: Tensor) -> None:
         self._objective, patches = objective, objective.patches
         self._bones = torch.cat([patch.bones for patch in patches])
         self._features = torch.cat([patch.features for patch in patches])
-        # Split like the patches: vertices' coordinates, bones, features.
+        # Sizes of the patches: coordinates of vertices, bones, features.
         self._sizes = [3 * len(patch.vertices) for patch in patches]
         self._bone_counts = [len(patch.bones) for patch in patches]
         self._feature_counts = [len(patch.features) for patch in patches]
@@ -200,42 +207,43 @@ class DistanceTo:
         """Distance and its gradient at pose (B, 22, 3), radians, and trans (B, 3), metres."""
         tree = self._objective.tree
         bones = tree.move(shapes.joints, pose, trans)
-        distance, by_carrying, by_pose_features = self.of_skin(shapes, bones)
-        # A mesh that is met exactly has no direction of steepest descent; it then stays.
+        distance, by_transforms, by_pose_features = self.of_skin(shapes, bones)
+        # At a distance of 0 the gradient is 0.
         self._scale = 1 / distance.clamp_min(_SMALLEST_DISTANCE_M)[:, None]
-        carried, turned = by_carrying * self._scale, by_pose_features * self._scale
-        by_pose, by_trans, self._by_joints = tree.gradient(bones, carried, turned)
+        by_pose, by_trans, self._by_joints = tree.gradient(
+            bones, by_transforms * self._scale, by_pose_features * self._scale
+        )
         return Gradient(distance, by_pose, by_trans)
 
     def betas_gradient(self) -> Tensor:
-        """(B, 10) derivative of the distances by the shape where `gradient` was last asked for."""
+        """Derivatives (B, 10) of the distances by the betas, where `gradient` was called last."""
         by_vertices = torch.cat([work.by_shaped for work in self._work], 1) * self._scale
         by_skin = by_vertices @ self._objective.shapedirs.T
-        # By the joints at rest, while the skin keeps its shape.
+        # Plus those by the joints in the rest pose.
         return by_skin + self._by_joints.flatten(1) @ self._objective.joint_shapedirs.T
 
     def of_skin(self, shapes: Shapes, bones: Bones) -> tuple[Tensor, Tensor, Tensor]:
         """Distances (B,), metres, and the derivatives of half their squares by the bones,
         (3, 4, B, 22), and by R - I of all joints but the root, (3, 3, B, 21)."""
         count = len(shapes.vertices)
-        carrying = bones.T_world_rest.permute(2, 1, 0, 3).flatten(0, 2)
+        transforms = bones.T_world_rest.permute(2, 1, 0, 3).flatten(0, 2)
         features = bones.pose_features[..., 1:].permute(2, 3, 0, 1).flatten(1)
         parts = zip(
             self._work,
             shapes.vertices.split(self._sizes, 1),
-            carrying.index_select(1, self._bones).split(self._bone_counts, 1),
+            transforms.index_select(1, self._bones).split(self._bone_counts, 1),
             features.index_select(1, self._features).split(self._feature_counts, 1),
             strict=True,
         )
         distances = torch.stack([work.distance(*part) for work, *part in parts])
         by_bones = torch.cat([work.by_bones for work in self._work])
         by_features = torch.cat([work.by_features for work in self._work], 1)
-        by_carrying = by_bones.new_zeros(N_JOINTS, count * 12)
-        by_carrying.index_add_(0, self._bones, by_bones)
+        by_transforms = by_bones.new_zeros(N_JOINTS, count * 12)
+        by_transforms.index_add_(0, self._bones, by_bones)
         by_pose_features = by_features.new_zeros(count, 9 * (N_JOINTS - 1))
         by_pose_features.index_add_(1, self._features, by_features)
         return (
             torch.linalg.vector_norm(distances, dim=0),
-            by_carrying.view(N_JOINTS, count, 4, 3).permute(3, 2, 1, 0),
+            by_transforms.view(N_JOINTS, count, 4, 3).permute(3, 2, 1, 0),
             by_pose_features.view(count, N_JOINTS - 1, 3, 3).permute(2, 3, 0, 1),
         )

@@ -1,8 +1,8 @@
-"""The robust aligner: poses from the vertices that soft tissue moves least, less their inertia.
+"""The robust aligner: poses from vertices whose soft-tissue motion is estimated and removed.
 
-Not the paper's method: it mends the limit that the paper admits in Section 6, that fitted poses
-absorb part of the dynamics; `tissue` says how. A subject's shape, and how soft its body is where,
-are learned from some of its frames; then every frame is fitted on its own.
+This is not the paper's method. It addresses the limitation in the paper's Section 6 that fitted
+poses absorb part of the dynamics; `tissue` explains how. The shape of a subject and the softness of
+each vertex are calibrated on some of its frames; then every frame is fitted separately.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from torch_align_ae.body import SMPL
 from torch_align_ae.body.rotations import matrix_to_axis_angle
 from torch_align_ae.workers import torch_workers
 
-# Bodies fitted as one batch: fewer waste time between operations, more fall out of the cache.
+# Bodies in one batch: fewer have too much overhead, more do not fit into the cache.
 _BATCH = 32
 # Read and fitted by one thread at a time.
 _FRAMES_PER_WINDOW = 2 * _BATCH
@@ -53,25 +53,25 @@ _FRAMES_PER_WINDOW = 2 * _BATCH
 _CLIP = 8
 # Gauss-Newton steps for the shape of the first frame.
 _SHAPE_STEPS = 8
-# Steps with all vertices alike, from the closed form to where residuals mean something.
+# First steps with equal weights, until the residuals are meaningful.
 _FIRST_STEPS = 2
-# The shape moves slowly and its equations cost as much as a round.
+# The shape changes slowly, and its equations take as long as a round.
 _ROUNDS_PER_SHAPE = 2
-_OF_A_SUBJECT = ("betas", "compliance", "deviation", "noise")
+_CALIBRATED = ("betas", "compliance", "deviation", "noise")
 
 
 @dataclass(frozen=True)
 class RobustSettings:
-    """How much work the robust aligner does; `docs/alignment.md` shows what each buys."""
+    """How much work the robust aligner does; `docs/alignment.md` shows the effect of each."""
 
     vertices: PositiveInt = 800
-    """About how many of the mesh's vertices the pose is read from."""
+    """About how many vertices of the mesh the pose is fitted to."""
     steps: NonNegativeInt = 4
     """Gauss-Newton steps for each frame."""
     calibration_frames: PositiveInt = 192
-    """Frames of each subject, spread over all of its motions, that tell how soft it is where."""
+    """Frames of each subject, from all of its motions, by which softness is calibrated."""
     calibration_rounds: NonNegativeInt = 12
-    """Revisions of each subject's softness."""
+    """Iterations of the calibration."""
 
     @classmethod
     def fast(cls) -> RobustSettings:
@@ -79,7 +79,10 @@ class RobustSettings:
 
 
 class RobustFit(CorpusFit):
-    """One corpus to align: of each sequence the meshes, less their loads by a law of tissue."""
+    """Alignment of a corpus to meshes from which the effect of loads is removed.
+
+    `law` gives the terms by which loads displace soft tissue.
+    """
 
     close_m = 0.03
 
@@ -97,12 +100,12 @@ class RobustFit(CorpusFit):
 
     def learn(self) -> dict[str, NDArray]:
         names = subjects_of(self.sequences)
-        # Here all cores work on one person; on a cluster each node has people of its own.
+        # On one machine all cores calibrate one subject; on a cluster each node another.
         with worker_pool(on_any_node("serial"), self) as pool:
-            found = pool.map(RobustFit.calibrate, names)
-            found = progress(found, what="subjects", unit="subject", total=len(names))
-            columns = zip(*((betas, *tissue) for betas, tissue in found), strict=True)
-            named = zip(_OF_A_SUBJECT, columns, strict=True)
+            results = pool.map(RobustFit.calibrate, names)
+            results = progress(results, what="subjects", unit="subject", total=len(names))
+            columns = zip(*((betas, *tissue) for betas, tissue in results), strict=True)
+            named = zip(_CALIBRATED, columns, strict=True)
             return {name: torch.stack(column).numpy() for name, column in named}
 
     def groups(self) -> list[list[Window]]:
@@ -114,22 +117,23 @@ class RobustFit(CorpusFit):
         groups: Sequence[Sequence[Window]],
         files: AlignedFiles,
     ) -> Generator[NDArray[np.float32], None, None]:
-        """theta of each window, whose turns go on from the window before without jumps of 2 pi."""
-        columns = (torch.from_numpy(learned[name]) for name in _OF_A_SUBJECT)
+        """theta of each window; rotations continue those of the window before without jumps."""
+        columns = (torch.from_numpy(learned[name]) for name in _CALIBRATED)
         rows = zip(subjects_of(self.sequences), *columns, strict=True)
-        known = {name: (betas, Tissue(*tissue)) for name, betas, *tissue in rows}
+        subjects = {name: (betas, Tissue(*tissue)) for name, betas, *tissue in rows}
 
         def fitted(fit: RobustFit, window: Window) -> tuple[Tensor, Tensor]:
-            betas, tissue = known[window.sequence.subject]
+            betas, tissue = subjects[window.sequence.subject]
             meshes, seen = fit._loads.observe(fit.meshes[window.sequence.name], window)
             pose, trans = fit.fit_frames(betas, tissue, seen)
             files.store(fit.smpl, window, betas, pose, trans, meshes)
             return pose, trans
 
         last = np.empty((0, N_JOINTS, 3), np.float32)
-        cut = [window for group in groups for window in group]
+        all_windows = [window for group in groups for window in group]
         with torch_workers(on_any_node("threads"), self) as pool:
-            for window, (pose, trans) in zip(cut, pool.map(fitted, cut), strict=True):
+            poses = pool.map(fitted, all_windows)
+            for window, (pose, trans) in zip(all_windows, poses, strict=True):
                 before = last if window.start else last[:0]
                 pose = continuous_rotations(np.concatenate([before, pose.numpy()]))[len(before) :]
                 last = pose[-1:]
@@ -148,7 +152,7 @@ class RobustFit(CorpusFit):
     def _fit_unloaded(
         self, shaped: Shaped, tissue: Tissue, seen: Observed, pose: Pose, steps: int
     ) -> Pose:
-        """Poses of the sample without its loads; which those are follows the pose, step by step."""
+        """Poses fitted to the sample without the effect of loads, which is updated in each step."""
         weights = tissue.weights(self._loads.precision_m)
         for _ in range(steps):
             terms = self._loads.terms(seen, shaped.posed(pose).turn)
@@ -157,60 +161,58 @@ class RobustFit(CorpusFit):
         return pose
 
     def calibrate(self, subject: str) -> tuple[Tensor, Tissue]:
-        """Learn the shape (10,) and how soft the body is where, from frames of all the subject's
-        recordings.
+        """Estimate the betas (10,) and the softness of a subject from frames of all its sequences.
 
-        The first frame's tissue hangs and moves, and a shape fitted to it keeps that for ever. So
-        once the loads are known the shape is corrected, round by round, by all frames without
-        theirs.
+        In the first frame, to which the shape is fitted at first, soft tissue is displaced. So once
+        the effect of loads is estimated, the shape is corrected by all frames without it.
         """
         sample, loads, precision_m = self._sample, self._loads, self._loads.precision_m
-        own = [sequence for sequence in self.sequences if sequence.subject == subject]
+        sequences = [sequence for sequence in self.sequences if sequence.subject == subject]
 
         def start(_: RobustFit, seen: Observed) -> _Calibrated:
             pose = initial_pose(shaped, seen.vertices)
-            alike = seen.vertices.new_ones(len(sample))
-            pose = fit_poses(shaped, seen.vertices, alike, pose, _FIRST_STEPS)
+            weights = seen.vertices.new_ones(len(sample))
+            pose = fit_poses(shaped, seen.vertices, weights, pose, _FIRST_STEPS)
             return _Calibrated(seen, pose)
 
-        def gather(_: RobustFit, some: _Calibrated) -> Evidence:
-            posed = shaped.posed(some.pose)
-            displacement = some.seen.vertices - posed.positions()
-            terms = loads.terms(some.seen, posed.turn)
+        def evidence_of(_: RobustFit, batch: _Calibrated) -> Evidence:
+            posed = shaped.posed(batch.pose)
+            displacement = batch.seen.vertices - posed.positions()
+            terms = loads.terms(batch.seen, posed.turn)
             return Evidence.of(displacement, terms, noise * loads.noise_in_common(terms))
 
-        def improve(fit: RobustFit, some: _Calibrated) -> Evidence:
-            some.pose = self._fit_unloaded(shaped, tissue, some.seen, some.pose, 1)
-            return gather(fit, some)
+        def refine(fit: RobustFit, batch: _Calibrated) -> Evidence:
+            batch.pose = self._fit_unloaded(shaped, tissue, batch.seen, batch.pose, 1)
+            return evidence_of(fit, batch)
 
-        def about_shape(_: RobustFit, some: _Calibrated) -> tuple[Tensor, ...]:
-            terms = loads.terms(some.seen, shaped.posed(some.pose).turn)
-            target = tissue.unloaded(some.seen.vertices, terms)
+        def equations_of_shape(_: RobustFit, batch: _Calibrated) -> tuple[Tensor, ...]:
+            terms = loads.terms(batch.seen, shaped.posed(batch.pose).turn)
+            target = tissue.unloaded(batch.seen.vertices, terms)
             weights = tissue.weights(precision_m)
-            return shape_equations(shaped, some.pose, target, weights)[:2]
+            return shape_equations(shaped, batch.pose, target, weights)[:2]
 
         with torch_workers("threads", self) as pool:
-            first = sample.take(torch.from_numpy(self.meshes[own[0].name].read(0, 1)))
+            first = sample.select(torch.from_numpy(self.meshes[sequences[0].name].read(0, 1)))
             betas = fit_shape(sample, first, _SHAPE_STEPS)
             shaped = sample.shaped(betas)
             clips = [
                 loads.observe(self.meshes[clip.sequence.name], clip)[1]
-                for clip in spread_clips(own, self._settings.calibration_frames)
+                for clip in evenly_spaced_clips(sequences, self._settings.calibration_frames)
             ]
-            # Of the clip in the middle: some hardly move, some violently.
+            # The median over clips, as some hardly move and some move violently.
             variances_m2 = [noise_variance(clip.vertices, loads.around) for clip in clips]
             variance_m2 = float(np.median(variances_m2))
-            noise = shared_noise(variance_m2, own[0].fps)
+            noise = shared_noise(variance_m2, sequences[0].fps)
             seen = Observed(*(torch.cat(parts) for parts in zip(*clips, strict=True)))
             batches = list(pool.map(start, seen.split(_BATCH)))
-            evidence = Evidence(*summed(pool.map(gather, batches)))
+            evidence = Evidence(*summed(pool.map(evidence_of, batches)))
             noise_m = np.sqrt(variance_m2) if variance_m2 > precision_m**2 else 0.0
-            unknown = Tissue.unknown(evidence.pull.shape[1], sample.weights, noise_m)
-            tissue = evidence.revise(unknown)
-            for turn in range(self._settings.calibration_rounds):
-                tissue = Evidence(*summed(pool.map(improve, batches))).revise(tissue)
-                if turn % _ROUNDS_PER_SHAPE == _ROUNDS_PER_SHAPE - 1:
-                    change = solve_damped(*summed(pool.map(about_shape, batches)))
+            rigid = Tissue.rigid(evidence.pull.shape[1], sample.weights, noise_m)
+            tissue = evidence.revise(rigid)
+            for number in range(self._settings.calibration_rounds):
+                tissue = Evidence(*summed(pool.map(refine, batches))).revise(tissue)
+                if number % _ROUNDS_PER_SHAPE == _ROUNDS_PER_SHAPE - 1:
+                    change = solve_damped(*summed(pool.map(equations_of_shape, batches)))
                     betas = betas + change.to(betas)
                     shaped = sample.shaped(betas)
         return betas, tissue
@@ -223,12 +225,12 @@ class _Calibrated:
 
 
 def summed(parts: Iterable[tuple[Any, ...]]) -> list[Any]:
-    """What batches tell, column by column."""
+    """Sums over tuples, column by column."""
     return [reduce(add, column) for column in zip(*parts, strict=True)]
 
 
-def spread_clips(sequences: Sequence[MotionSequence], frames: int) -> Iterator[Window]:
-    """Short clips evenly spread over all frames of the sequences, `frames` in all."""
+def evenly_spaced_clips(sequences: Sequence[MotionSequence], frames: int) -> Iterator[Window]:
+    """Short clips at even distances over all frames of the sequences, `frames` in all."""
     ends = np.cumsum([sequence.length for sequence in sequences])
     count = max(min(frames, int(ends[-1])) // _CLIP, 1)
     for centre in (np.arange(count) + 0.5) * ends[-1] / count:

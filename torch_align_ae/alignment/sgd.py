@@ -1,12 +1,12 @@
 """The paper's aligner (Section 3.3): gradient descent with momentum on the mesh distance.
 
-The distance is a norm that is not squared, so its gradient does not fade near the optimum: with
-the paper's rate the fit circles the optimum at about 2 mm (root mean square over vertices) and
-comes no closer however long it runs. That is the method, and it is kept; of the iterates, the
-one with the smallest distance is returned, which is Eq. 5's "best matching" theta*.
+The distance is a norm that is not squared, so its gradient does not vanish near the optimum: with
+the paper's learning rate the fit oscillates at about 2 mm (root mean square over vertices) from the
+optimum, however long it runs. The method is kept as the paper has it. Of the iterates, the one with
+the smallest distance is returned, which is Eq. 5's "best matching" theta*.
 
-Each frame is started from the pose of the one before, so many sequences are followed at once: in
-groups that advance frame by frame as one batch.
+Each frame starts from the pose of the one before. So sequences are fitted side by side, in groups
+that advance frame by frame as one batch.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from torch_align_ae.workers import torch_workers
 
 # Read, fitted and written between two checkpoints: two chunks of the corpus's files.
 FRAMES_PER_WINDOW = 32
-# Fewer bodies waste time between operations, many more fall out of the cache (measured: 20-60).
+# Fewer bodies have too much overhead, many more do not fit into the cache (measured: 20-60).
 _BODIES_AT_ONCE = 40
-# A step of five takes half as long as one of twenty: for cores that would be idle, worth it.
+# A step of five bodies takes half as long as one of twenty, so idle cores get at least five.
 _BODIES_AT_LEAST = 5
-# For fewer steps of a body, less than a minute of one core, processes are not worth their start.
+# With fewer steps, less than a minute of one core, starting processes takes too long.
 _STEPS_WORTH_PROCESSES = 100_000
 
 
@@ -64,43 +64,42 @@ class Descent:
 def fit_pose(
     shapes: Shapes, start: tuple[Tensor, ...], target: Tensor, steps: int, descent: Descent
 ) -> tuple[Tensor, ...]:
-    """Pose (B, 22, 3) and translation (B, 3) that bring fixed shapes near meshes from `arrange`.
+    """Fit pose (B, 22, 3) and translation (B, 3) of fixed shapes to meshes from `arrange`.
 
-    `start` is the pose and translation to begin with.
+    `start` is the initial pose and translation.
     """
     with torch.inference_mode():
-        distance, descending = shapes.objective.to(target), Descending(descent, *start)
+        distance, optimizer = shapes.objective.to(target), MomentumDescent(descent, *start)
         for _ in range(steps):
-            descending.step(*distance.gradient(shapes, *descending.variables))
-    return descending.best()
+            optimizer.step(*distance.gradient(shapes, *optimizer.variables))
+    return optimizer.best()
 
 
 def fit_shape_and_pose(
     objective: MeshDistance, target: Tensor, descent: Descent
 ) -> tuple[Tensor, ...]:
-    """betas (B, 10), pose (B, 22, 3) and translation (B, 3) of first frames from
-    `MeshDistance.arrange`."""
+    """Fit betas (B, 10), pose (B, 22, 3) and translation (B, 3) to meshes from `arrange`."""
     with torch.inference_mode():
         distance = objective.to(target)
         betas = target.new_zeros(len(target), len(objective.smpl.shapedirs))
         start = rigid_start(objective.shapes(betas), target)
-        descending = Descending(descent, betas, *start)
+        optimizer = MomentumDescent(descent, betas, *start)
         for _ in progress(range(descent.shape_steps), what="shapes", unit="step"):
-            betas, pose, trans = descending.variables
-            metres, *by_pose = distance.gradient(objective.shapes(betas), pose, trans)
-            descending.step(metres, distance.betas_gradient(), *by_pose)
-    return descending.best()
+            betas, pose, trans = optimizer.variables
+            distance_m, *by_pose = distance.gradient(objective.shapes(betas), pose, trans)
+            optimizer.step(distance_m, distance.betas_gradient(), *by_pose)
+    return optimizer.best()
 
 
-class Descending:
-    """Gradient descent with momentum on a batch of variables: `torch.optim.SGD`, made lighter.
+class MomentumDescent:
+    """Gradient descent with momentum on a batch of variables, like `torch.optim.SGD` but faster.
 
-    Of each body's iterates the one with the smallest distance is kept, the paper's theta*.
+    For each body the iterate with the smallest distance is kept, the paper's theta*.
     """
 
     def __init__(self, descent: Descent, *start: Tensor) -> None:
         self.rate = descent.lr
-        """Learning rate: the paper's is the same at every step."""
+        """Learning rate, which the paper keeps constant."""
         self._momentum = descent.momentum
         self._shapes = [variable.shape[1:] for variable in start]
         self._state = torch.cat([variable.flatten(1) for variable in start], 1)
@@ -110,7 +109,7 @@ class Descending:
         self.variables = self._parts(self._state)
 
     def step(self, distance: Tensor, *gradients: Tensor) -> None:
-        """Go on from where the distance (B,) and its gradients were taken."""
+        """Take a step; distance (B,) and gradients are those at the present variables."""
         closer = distance < self._smallest
         self._best = torch.where(closer[:, None], self._state, self._best)
         self._smallest = torch.fmin(distance, self._smallest)
@@ -128,16 +127,16 @@ class Descending:
 
 
 def rigid_start(shapes: Shapes, target: Tensor) -> tuple[Tensor, Tensor]:
-    """Template pose turned and moved onto the meshes: where a first frame's descent begins.
+    """Initial pose and translation of a first frame: the rest pose rigidly aligned to the meshes.
 
-    The paper does not say where its descent begins; from an unturned body it would not find a
-    person who looks the other way.
+    The paper does not state its initial pose; without the rotation a person who faces the other way
+    would not be found.
     """
     source, target = map(shapes.objective.restore, (shapes.vertices, target))
     centre, target_centre = source.mean(1), target.mean(1)
     turn = nearest_rotation((target - target_centre[:, None]).mT @ (source - centre[:, None]))
     root = shapes.joints[:, 0]
-    # The root turns about its own joint: R (x - root) + root + trans.
+    # The root rotates about its joint: R (x - root) + root + trans.
     trans = target_centre - (turn @ (centre - root)[..., None])[..., 0] - root
     pose = torch.zeros_like(shapes.joints)
     pose[:, 0] = matrix_to_axis_angle(turn)
@@ -145,9 +144,9 @@ def rigid_start(shapes: Shapes, target: Tensor) -> tuple[Tensor, Tensor]:
 
 
 class SgdFit(CorpusFit):
-    """One corpus to align by the paper's method.
+    """Alignment of a corpus by the paper's method.
 
-    Shapes come from the first frame of each subject's first sequence and then stay (Section 3.3).
+    Shapes are fitted to the first frame of each subject's first sequence, then fixed (Section 3.3).
     """
 
     def __init__(
@@ -165,9 +164,10 @@ class SgdFit(CorpusFit):
         self._pool: WorkerPool[MeshDistance]
 
     def write(self, writer: ArtifactWriter) -> None:
-        """As every aligner; all that workers do is done by the same ones.
+        """Write all arrays, with one pool of workers for all steps.
 
-        A step is some hundred small operations: processes, or nodes, unless there is little to do.
+        A step has some hundred small operations, so workers are processes, or nodes of a cluster,
+        unless there is little to do.
         """
         steps = self._descent.steps * sum(sequence.length for sequence in self.sequences)
         if steps < _STEPS_WORTH_PROCESSES:
@@ -183,22 +183,22 @@ class SgdFit(CorpusFit):
         meshes = np.concatenate([self.meshes[one.name].read(0, 1) for one in self.sequences])
         targets = self._objective.arrange(torch.from_numpy(meshes))
         leading = [self._subject_of.index(row) for row in range(max(self._subject_of) + 1)]
-        # All subjects at once, not by the workers: a step of few takes its time between operations.
+        # All subjects as one batch, not by workers, as small batches have too much overhead.
         shapes, *lead = fit_shape_and_pose(self._objective, targets[leading], self._descent)
         betas = shapes[self._subject_of]
         firsts = ((betas[rows], targets[rows]) for rows in batches(len(meshes)))
-        found = self._pool.map(partial(_fit_first_frames, self._descent), firsts)
-        pose, trans = (torch.cat(parts) for parts in zip(*found, strict=True))
+        fitted = self._pool.map(partial(_fit_first_frames, self._descent), firsts)
+        pose, trans = (torch.cat(parts) for parts in zip(*fitted, strict=True))
         pose[leading], trans[leading] = lead
         return {"betas": shapes.numpy(), "theta": pack_theta(pose.numpy(), trans.numpy())}
 
     def groups(self) -> list[list[Window]]:
-        """The same window of all sequences; longest first, so that those that end together share
-        a batch."""
+        """The windows with the same number of all sequences, the longest sequences first, so that
+        those of similar length share a batch."""
         longest_first = sorted(self.sequences, key=lambda sequence: -sequence.length)
         parts = [windows(sequence, FRAMES_PER_WINDOW) for sequence in longest_first]
-        alike = itertools.zip_longest(*parts)
-        return [[window for window in group if window] for group in alike]
+        groups = itertools.zip_longest(*parts)
+        return [[window for window in group if window] for group in groups]
 
     def fit(
         self,
@@ -206,7 +206,7 @@ class SgdFit(CorpusFit):
         groups: Sequence[Sequence[Window]],
         files: AlignedFiles,
     ) -> Generator[NDArray[np.float32], None, None]:
-        """theta of each window; each goes on from the frame before, which is in the files."""
+        """theta of each window, which continues from the frame before it in the files."""
 
         def tracked(window: Window) -> _Tracked:
             row, first = self._row_of[window.sequence.name], window.rows.start
@@ -226,7 +226,7 @@ class SgdFit(CorpusFit):
 def _fit_first_frames(
     descent: Descent, objective: MeshDistance, item: tuple[Tensor, Tensor]
 ) -> tuple[Tensor, ...]:
-    """Pose and translation of meshes (B, 3 V), their shapes (B, 10) being known."""
+    """Fit pose and translation to meshes (B, 3 V) with fixed betas (B, 10)."""
     betas, targets = item
     shapes = objective.shapes(betas)
     start = rigid_start(shapes, targets)
@@ -243,25 +243,27 @@ class _Tracked(NamedTuple):
 def _fit_windows(
     descent: Descent, files: AlignedFiles, objective: MeshDistance, tracked: list[_Tracked]
 ) -> list[NDArray[np.float32]]:
-    """theta of windows that begin alike, longest first, fitted frame after frame of all at once;
-    the rest goes to the files."""
+    """theta of windows with the same first frame, longest first; other arrays go to the files.
+
+    Each frame is fitted in all windows as one batch.
+    """
     meshes = [torch.from_numpy(o.meshes.read(o.window.start, o.window.stop)) for o in tracked]
     before = unpack_theta(np.stack([one.theta for one in tracked]))
     pose, trans = (torch.from_numpy(part) for part in before)
     shapes = objective.shapes(torch.stack([one.betas for one in tracked]))
-    found: list[list[list[Tensor]]] = [[] for _ in tracked]
+    fitted: list[list[list[Tensor]]] = [[] for _ in tracked]
     for frame in range(len(meshes[0])):
-        # Sorted by length, so the sequences that go on are the first ones.
-        going = sum(len(mesh) > frame for mesh in meshes)
-        pose, trans = pose[:going], trans[:going]
+        # As they are sorted by length, the windows that have this frame are the first ones.
+        count = sum(len(mesh) > frame for mesh in meshes)
+        pose, trans = pose[:count], trans[:count]
         if tracked[0].window.start + frame > 0:
-            target = objective.arrange(torch.stack([mesh[frame] for mesh in meshes[:going]]))
-            own = shapes.rows(slice(going))
-            pose, trans = fit_pose(own, (pose, trans), target, descent.steps, descent)
-        for frames, *placed in zip(found, pose, trans, strict=False):
+            target = objective.arrange(torch.stack([mesh[frame] for mesh in meshes[:count]]))
+            some = shapes.rows(slice(count))
+            pose, trans = fit_pose(some, (pose, trans), target, descent.steps, descent)
+        for frames, *placed in zip(fitted, pose, trans, strict=False):
             frames.append(placed)
     thetas = []
-    for one, mesh, frames in zip(tracked, meshes, found, strict=True):
+    for one, mesh, frames in zip(tracked, meshes, fitted, strict=True):
         pose, trans = (torch.stack(parts) for parts in zip(*frames, strict=True))
         files.store(objective.smpl, one.window, one.betas, pose, trans, mesh)
         thetas.append(pack_theta(pose.numpy(), trans.numpy()))
@@ -269,11 +271,11 @@ def _fit_windows(
 
 
 def batches(count: int) -> list[list[int]]:
-    """The rows 0 to `count` in batches of nearly equal size: enough of them for all cores.
+    """The rows 0 to `count` in batches of nearly equal size, enough for all cores.
 
-    An even number where there are many rows, so that two cores end together. What is found of a
-    row does not depend on the others of its batch, if these are three or more: products with fewer
-    rows are made in another order on some processors.
+    Many rows give an even number of batches, so that two cores finish together. The result of a row
+    does not depend on the other rows of its batch, if these are three or more: products with fewer
+    rows are computed in another order on some processors.
     """
     large = 2 * math.ceil(count / (2 * _BODIES_AT_ONCE))
     number = max(large, min(usable_cores(), count // _BODIES_AT_LEAST))

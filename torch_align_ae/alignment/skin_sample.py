@@ -1,10 +1,9 @@
-"""The vertices that the robust aligner looks at, cut into patches that few joints move.
+"""The vertices that the robust aligner fits, divided into patches that few joints move.
 
-Posed vertices and their derivatives by the pose, the analytic Jacobian of Eq. 1-2: a joint is
-turned by a small rotation vector about itself, *in the world's axes*: everything that hangs below
-it then moves by a cross product with its distance from the joint, so the columns are sums over the
-joints below and need no product at all. Pose blend shapes add the displacement of the rest vertices
-that the turn brings with it.
+It computes posed vertices and their analytic Jacobian by the pose (Eq. 1-2). Unknowns are small
+rotation vectors of the joints *in the world's axes*: everything below a joint then moves by a cross
+product with its position relative to the joint, so the columns are sums over the joints below and
+need no matrix product. Pose blend shapes add the displacement of the rest vertices by the rotation.
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ from torch_align_ae.body import SMPL
 from torch_align_ae.body.rotations import cross_matrix
 from torch_align_ae.body.smpl import subtree_matrix, world_frames
 
-# A radian at a joint that corrects a vertex by less than this does not enter the Jacobian; it
-# always enters the residual.
+# Pose blend shapes that displace no vertex by more than this per radian of a joint are left out of
+# the Jacobian, though not of the residual.
 _NEGLIGIBLE_M = 1e-4
 
 
@@ -49,7 +48,7 @@ class Posed(NamedTuple):
     pose: Pose
     turn: Tensor  # (B, 22, 3, 3) orientation
     place: Tensor  # (B, 22, 3) position, metres
-    shift: Tensor  # (B, 22, 3) where the bone's transform takes the origin of the rest pose, metres
+    shift: Tensor  # (B, 22, 3) translation of the bone's transform from the rest pose, metres
 
     @property
     def features(self) -> Tensor:
@@ -66,12 +65,12 @@ class Posed(NamedTuple):
 class SampledPatch(NamedTuple):
     """n neighbouring vertices of the sample."""
 
-    vertices: slice  # its rows of the sample
+    vertices: slice  # rows of the sample
     bones: Tensor  # (K,) bones that move it
     weights: Tensor  # (K, n) their skinning weights
     joints: Tensor  # (C,) that move it: those with pose blend shapes here, then bones and all above
     below: Tensor  # (C, K) ones where the bone is the joint or hangs below it
-    carried: Tensor  # (C, n) share of each vertex that hangs below the joint
+    below_weights: Tensor  # (C, n) sums of each vertex's skinning weights at and below the joint
     jacobian_posedirs: Tensor  # (P, 9, 3 n) pose blend shapes of the first P of `joints`, metres
     parents: Tensor  # (P,) the joints above these
     features: Tensor  # (Q,) entries of R - I that displace it at all
@@ -87,7 +86,7 @@ class SampledPatch(NamedTuple):
         weights = self.weights * scale
         moved = self.moved_by_bones(posed, weights)
         arms = (self.below @ moved.flatten(2)).unflatten(2, (3, -1))
-        arms -= (self.carried * scale)[:, None] * posed.place[:, self.joints, :, None]
+        arms -= (self.below_weights * scale)[:, None] * posed.place[:, self.joints, :, None]
         jacobian = arms.new_zeros(len(moved), len(self.joints) + 1, 3, 3, moved.shape[3])
         for axis in range(3):  # e_i x arm for each world axis i
             following, last = (axis + 1) % 3, (axis + 2) % 3
@@ -99,7 +98,7 @@ class SampledPatch(NamedTuple):
         return moved.sum(1), jacobian
 
     def moved_by_bones(self, posed: Posed, weights: Tensor) -> Tensor:
-        """(B, K, 3, n) each bone's part of the posed vertices; their sum over K is the vertex."""
+        """Contributions (B, K, 3, n) of the bones to the posed vertices, which are their sums."""
         corrective = posed.features.index_select(1, self.features) @ self.posedirs
         rest = corrective.unflatten(1, (3, -1))
         rest += posed.shaped.vertices[:, self.vertices]  # Eq. 2
@@ -108,7 +107,7 @@ class SampledPatch(NamedTuple):
         return moved.add_(shift[..., None]).mul_(weights[:, None])
 
     def _add_corrections(self, jacobian: Tensor, posed: Posed, weights: Tensor) -> None:
-        """Add what pose blend shapes do while their joint turns."""
+        """Add the derivatives of pose blend shapes by the rotation of their joint."""
         count = len(self.jacobian_posedirs)
         joints = self.joints[:count]
         # In the parent's axes, world axis i is row i of the parent's orientation.
@@ -125,8 +124,9 @@ class SampledPatch(NamedTuple):
 
 
 class SkinSample:
-    """About `size` vertices, N, spread over the skin, and what moves each; every bone keeps its
-    share. Hands never move in theta, so their vertices are handed to the wrists.
+    """About `size` vertices, N, spread over the skin in proportion to each bone's vertices.
+
+    theta has no hands, so their skinning weights are added to the wrists'.
     """
 
     def __init__(self, smpl: SMPL, size: int) -> None:
@@ -146,7 +146,7 @@ class SkinSample:
     def __len__(self) -> int:
         return len(self.vertices)
 
-    def take(self, meshes: Tensor) -> Tensor:
+    def select(self, meshes: Tensor) -> Tensor:
         """The sample (B, 3, N) of meshes (B, V, 3)."""
         return meshes[:, self.vertices].transpose(1, 2).contiguous()
 
@@ -174,7 +174,7 @@ class SkinSample:
             weights=weights[bones].contiguous(),
             joints=joints,
             below=self.subtree[joints][:, bones].contiguous(),
-            carried=(self.subtree @ weights)[joints].contiguous(),
+            below_weights=(self.subtree @ weights)[joints].contiguous(),
             jacobian_posedirs=by_joint[correcting - 1].flatten(2).contiguous(),
             parents=torch.tensor(self.parents)[correcting],
             features=features,
@@ -183,17 +183,17 @@ class SkinSample:
 
 
 def _limb_by_limb(weights: Tensor, parents: tuple[int, ...], size: int) -> list[Tensor]:
-    """Vertices of each limb, every so-many-th of each dominant bone's."""
+    """The sampled vertices of each limb: every n-th of those that each bone dominates."""
     dominant, count = weights.argmax(0), weights.shape[1]
     stride = max(1.0, count / size)
-    # The first joint of each joint's limb: limbs begin where the tree branches.
+    # The first joint of each joint's limb; a limb starts where the tree branches.
     limbs: list[int] = []
     groups: dict[int, list[Tensor]] = {}
     for bone, parent in enumerate(parents):
         only_child = parents.count(parent) == 1 and parent >= 0
         limbs.append(limbs[parent] if only_child else bone)
-        own = (dominant == bone).nonzero()[:, 0]
-        if len(own):
-            keep = torch.arange(0, len(own), stride, dtype=torch.float64).long()
-            groups.setdefault(limbs[bone], []).append(own[keep])
+        vertices = (dominant == bone).nonzero()[:, 0]
+        if len(vertices):
+            keep = torch.arange(0, len(vertices), stride, dtype=torch.float64).long()
+            groups.setdefault(limbs[bone], []).append(vertices[keep])
     return [torch.cat(bones) for bones in groups.values()]

@@ -27,7 +27,7 @@ from torch_align_ae.body import SMPL
 class AlignConfig(Descent):
     """Align SMPL to every mesh and unpose the offsets (Section 3.3, Eq. 5).
 
-    SGD costs 0.4 to 0.9 ms of one core per frame and step; memory does not grow with the
+    SGD takes 0.4 to 0.9 ms of one core per frame and step; memory does not grow with the
     corpus. Gives `betas`, `theta`, `offsets` and `frame_error`. Steps, rate and momentum are SGD's.
     """
 
@@ -66,31 +66,31 @@ def main(config: AlignConfig) -> None:
     artifacts = {ALIGNMENT: "sgd", ROBUST_ALIGNMENT: "robust"}
     if config.aligner != "both":
         artifacts = {ALIGNMENT: config.aligner}
-    found = of_one_gender(dyna_sequences(dyna_paths), data.gender)
-    meshes = {one.name: one for one in found}
+    mesh_sequences = of_one_gender(dyna_sequences(dyna_paths), data.gender)
+    meshes = {one.name: one for one in mesh_sequences}
     splits = splits_of_names(list(meshes), config.validation)
-    own = [
+    described = [
         MotionSequence(one.name, one.subject, one.motion, 0, one.length, FPS, splits[one.name])
-        for one in found
+        for one in mesh_sequences
     ]
-    sequences, smpl = end_to_end(own), SMPL(data)
+    sequences, smpl = end_to_end(described), SMPL(data)
     for name, aligner in artifacts.items():
         if aligner == "sgd":
-            others, fit = ["robust"], SgdFit(smpl, sequences, meshes, config)
+            unused, fit = ["robust"], SgdFit(smpl, sequences, meshes, config)
         else:
-            others = [one.name for one in fields(Descent)]
+            unused = [one.name for one in fields(Descent)]
             fit = RobustFit(smpl, sequences, meshes, config.robust)
-        # Options of the other aligner do not make an artifact old.
-        decides = {key: value for key, value in vars(config).items() if key not in others}
-        decides["aligner"] = aligner
-        record = make_dataclass("AlignRecord", decides)(**decides)
+        # Without options of the other aligner, whose change does not make this artifact outdated.
+        options = {key: value for key, value in vars(config).items() if key not in unused}
+        options["aligner"] = aligner
+        record = make_dataclass("AlignRecord", options)(**options)
         run.build(name, record, fit.write, data=data.source, upstream=upstream)
 
 
 def _inputs(
     config: AlignConfig, run: Run
 ) -> tuple[Path, tuple[Path, ...], Mapping[str, Artifact | Path]]:
-    """Body model, mesh files, and what the artifact is made from."""
+    """Body model, mesh files, and upstream artifacts and files."""
     if config.smpl is None and not config.dyna:
         corpus = run.artifact("corpus")
         meshes = [name for name in corpus.manifest["files"] if name.endswith(".h5")]

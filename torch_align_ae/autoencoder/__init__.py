@@ -1,1 +1,1 @@
-"""Figure 3's autoencoder, its peer, its training, and the codec made of it."""
+"""The mesh autoencoder of Figure 3, the one it is compared with, training and codecs."""

@@ -1,5 +1,5 @@
-"""The fully connected autoencoder of flattened offsets that the paper compares its own with (Casas
-and Otaduy 2018; Section 5)."""
+"""The fully connected autoencoder to which the paper compares its own (Casas and Otaduy 2018;
+Section 5)."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
 
 
 class CasasOtaduyAutoencoder(nn.Module):
-    """284,678,770 parameters. `widths` are the input size, then the outputs of the encoder's layers
-    but the last.
+    """A fully connected autoencoder of flattened offsets, with 284,678,770 parameters.
+
+    `widths` are the input size and the outputs of the encoder's layers but the last.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Codes of offsets: the trained autoencoder with its normaliser, and PCA to compare it with."""
+"""Codecs of offsets: the trained autoencoder with its normaliser, and PCA for comparison."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 WEIGHTS_FILE = "autoencoder.safetensors"
 NormalisationName = Literal["global_maximum", "standard"]
 _BATCH = 64
-# What hardly moves would otherwise be blown up to pure measurement noise.
+# Without a least scale, coordinates that hardly move would be scaled up to mere noise.
 _SMALLEST_SCALE_M = 1e-4
 _SPARE_DIRECTIONS, _PASSES = 20, 3
 
@@ -49,16 +49,17 @@ class Normaliser(nn.Module):
 def fit_normaliser(
     name: NormalisationName, offsets_m: NDArray[np.float32], frames: NDArray[np.int64]
 ) -> Normaliser:
-    """'normalized ... within the range of [-1, 1]' (Section 5), read in one of two ways.
+    """Fit a normaliser to the training `frames` of offsets (F, V, 3), metres.
 
-    Offsets are a millimetre on average and several centimetres at the extreme, so the choice
-    decides whether anything is left to learn from. Of the named (training) frames of (F, V, 3):
+    The paper says 'normalized ... within the range of [-1, 1]' (Section 5). As offsets are a
+    millimetre on average and several centimetres at most, the choice decides how well they are
+    learned:
 
     `global_maximum`
-        Divide by the largest coordinate of all: the plainest way to take the words.
+        Divide by the largest coordinate of all, the plainest reading.
     `standard`
-        Remove the mean, divide by one standard deviation; values leave [-1, 1].
-        The mean squared error then is the offsets' own, up to one constant.
+        Subtract the mean and divide by one standard deviation; values leave [-1, 1]. The mean
+        squared error is then that of the offsets, up to a constant factor.
     """
     total = np.zeros(offsets_m.shape[1:])
     squares = largest = 0.0
@@ -77,7 +78,7 @@ def fit_normaliser(
 
 
 class Codec(nn.Module):
-    """A trained autoencoder on NumPy arrays; any number of frames in bounded memory."""
+    """A trained autoencoder with its normaliser, for NumPy arrays of any number of frames."""
 
     def __init__(self, model: MeshAutoencoder, normaliser: Normaliser) -> None:
         super().__init__()
@@ -85,7 +86,7 @@ class Codec(nn.Module):
 
     @classmethod
     def empty(cls, architecture: Mapping[str, Any]) -> Codec:
-        """One of `architecture`'s values, without memory for its weights."""
+        """A codec by `Codec.architecture`'s values, without memory for its weights."""
         with torch.device("meta"):
             model = MeshAutoencoder(tuple(architecture["widths"]))
             return cls(model, Normaliser(*torch.empty(2, model.widths[0], 3)))
@@ -104,7 +105,7 @@ class Codec(nn.Module):
     ) -> NDArray[np.float32]:
         parts = []
         for start in range(0, max(len(values), 1), _BATCH):
-            # A copy, because memory-mapped artifacts are read-only and tensors are not.
+            # A copy, as memory-mapped artifacts are read-only and tensors cannot be.
             batch = torch.from_numpy(np.array(values[start : start + _BATCH], dtype=np.float32))
             parts.append(function(batch.to(self.normaliser.mean_m.device)).cpu())
         return torch.cat(parts).numpy()
@@ -114,7 +115,7 @@ class Codec(nn.Module):
         return self.model.latent_size
 
     def architecture(self) -> dict[str, Any]:
-        """What a manifest must say so that `load_codec` can build the network again."""
+        """The values in a manifest by which `load_codec` builds the network."""
         return {"widths": self.model.widths}
 
     def save(self, path: Path) -> None:
@@ -136,9 +137,9 @@ class PcaCodec:
         size: int = 100,
         seed: int = 0,
     ) -> PcaCodec:
-        """Fit `size` components to the named frames of (F, V, 3) without holding them in memory.
+        """Fit `size` components to `frames` of offsets (F, V, 3), which need not fit into memory.
 
-        Randomised subspace iteration (Halko, Martinsson, Tropp 2011): each pass streams the frames
+        Randomised subspace iteration (Halko, Martinsson, Tropp 2011): each pass reads the frames
         once and multiplies the subspace by their covariance.
         """
         total = np.zeros(offsets_m.shape[1:])
@@ -162,7 +163,7 @@ class PcaCodec:
 
     @classmethod
     def of_directions(cls, directions: NDArray[np.floating]) -> PcaCodec:
-        """The code of given directions (V, 3, K) about zero: they are made orthonormal in order."""
+        """A codec by directions (V, 3, K) about zero, which are made orthonormal in their order."""
         columns = directions.reshape(-1, directions.shape[2]).astype(np.float64)
         basis, upper = np.linalg.qr(columns)
         components = (basis * np.where(np.diag(upper) < 0, -1.0, 1.0)).T.astype(np.float32)
@@ -184,7 +185,7 @@ class PcaCodec:
 
 
 def _product(left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.float32]:
-    """PyTorch's, which obeys `torch_workers`: NumPy's bits depend on how many cores there are."""
+    """The product by PyTorch, as NumPy's bits depend on the number of cores."""
     return (torch.tensor(left) @ torch.from_numpy(right)).numpy()
 
 
@@ -194,7 +195,7 @@ OffsetCodec: TypeAlias = Codec | PcaCodec
 def reconstruction_r2(
     codec: OffsetCodec, offsets_m: NDArray[np.float32], frames: NDArray[np.int64]
 ) -> float:
-    """R2 = 1 - sum |x~ - x|^2 / sum |x|^2 over the named frames, in metres; SMPL alone has 0."""
+    """R2 = 1 - sum |x~ - x|^2 / sum |x|^2 over `frames`, in metres; it is 0 for SMPL alone."""
     error = energy = 0.0
     for part in chunks(offsets_m, frames):
         rebuilt = codec.decode(codec.encode(part))
@@ -214,8 +215,8 @@ def load_codecs(artifact: Artifact) -> dict[CodeName, OffsetCodec]:
         if name in artifact.manifest["files"]:
             path = artifact.file(name)
             arrays = load_weights(path)
-            named = set(arrays) == {"mean_m", "components"}
-            if not named or arrays["components"].shape[1:] != (arrays["mean_m"].size,):
+            has_both = set(arrays) == {"mean_m", "components"}
+            if not has_both or arrays["components"].shape[1:] != (arrays["mean_m"].size,):
                 raise DsnetError(
                     f"{path} with {', '.join(sorted(arrays)) or 'no arrays'}",
                     "mean_m (V, 3) and components (K, V * 3)",
@@ -228,9 +229,9 @@ def load_codecs(artifact: Artifact) -> dict[CodeName, OffsetCodec]:
 def read_codec(path: Path, architecture: Mapping[str, Any]) -> Codec:
     """Load a codec from its weights and `Codec.architecture`'s values."""
     codec, weights = Codec.empty(architecture), load_weights(path)
-    wanted = {name: tuple(value.shape) for name, value in codec.state_dict().items()}
+    shapes = {name: tuple(value.shape) for name, value in codec.state_dict().items()}
     remedy = "Delete the folder and run `dsnet train-ae` again."
-    check_shapes(weights, wanted, f"the network's in {path.parent}", remedy)
+    check_shapes(weights, shapes, f"the network's in {path.parent}", remedy)
     state = {name: torch.from_numpy(value) for name, value in weights.items()}
     codec.load_state_dict(state, assign=True)
     return codec.eval()

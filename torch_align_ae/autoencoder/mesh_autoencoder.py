@@ -1,9 +1,9 @@
-"""Figure 3's autoencoder, and how its weights begin.
+"""The mesh autoencoder of Figure 3, and the initialisation of its weights.
 
-Two linear layers act on each vertex alone (3 -> 4 -> 9 features), four convolutions of kernel 1
-treat the *vertices* as channels and thin them out, and one linear layer maps what is left to the
-latent vector; the decoder mirrors it. The paper prints the layers and the total, 33,626,606, but
-not the widths: those here are inferred, and give that total exactly.
+Two linear layers act on each vertex alone (3 -> 4 -> 9 features), four convolutions of kernel size
+1 with the *vertices* as channels reduce their number, and one linear layer maps the result to the
+latent vector; the decoder mirrors it. The paper states the layers and the number of parameters,
+33,626,606, but not the widths: those here are inferred, and give that number exactly.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ from bridge.errors import DsnetError
 from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE, NEGATIVE_SLOPE
 
 SAMPLE_FRAMES = 512
-"""Training frames from which the modes are computed: singular vectors of 6890 x 1536."""
+"""Training frames from which the modes are computed, singular vectors of 6890 x 1536."""
 
 
 class VertexConv(nn.Conv1d):
-    """A kernel-1 `Conv1d` over vertices of features (in, B, C) where Conv1d wants (B, in, C): so
-    laid out, the whole batch is one matrix product, and nothing is transposed on the way.
+    """A `Conv1d` of kernel size 1 over vertices, for features (in, B, C) in place of (B, in, C).
+
+    With this layout the whole batch is one matrix product without transpositions.
     """
 
     def __init__(self, in_vertices: int, out_vertices: int) -> None:
@@ -39,8 +40,8 @@ class VertexConv(nn.Conv1d):
 class MeshAutoencoder(nn.Module):
     """The paper's mesh autoencoder (Section 4.1, Figure 3); works on normalised offsets.
 
-    `widths` are the vertices of the mesh, then after each convolution. A LeakyReLU, as the paper
-    names none, follows every layer but the two that end encoder and decoder.
+    `widths` are the numbers of vertices of the mesh and after each convolution. Every layer but the
+    last of encoder and decoder is followed by LeakyReLU; the paper names no activation.
     """
 
     def __init__(
@@ -96,26 +97,26 @@ def _convolutions(widths: tuple[int, ...]) -> list[tuple[str, nn.Module]]:
 
 
 def parameter_count(model: nn.Module) -> int:
-    """Numbers that training changes."""
+    """The number of trainable parameters."""
     return sum(parameter.numel() for parameter in model.parameters() if parameter.requires_grad)
 
 
 @torch.no_grad()
 def initialise_with_modes(model: MeshAutoencoder, sample: Tensor, seed: int) -> None:
-    """Make `model` the best linear code of `sample` that mixes vertices alike for all features.
+    """Initialise `model` as the best linear code of `sample` with the same modes for all features.
 
-    PyTorch's own beginning, which the paper presumably used, shrinks the signal by 1/sqrt(3) or
-    more in each layer: fourteen of them answer zero, and most of a short run is spent on growing
-    them. This one is exactly linear and already reconstructs most of the motion. First, for f =
-    LeakyReLU of slope a,
+    PyTorch's default initialisation, which the paper presumably used, shrinks the signal by
+    1/sqrt(3) or more in each layer: fourteen layers give zero, and a short training mostly grows
+    the weights. This one is exactly linear and already reconstructs most of the motion.
+    First, for f = LeakyReLU of slope a,
 
         f(-f(x)) = -a x        for every x,
 
-    so that a *pair* of layers, joined by minus the identity, is linear although both nonlinearities
-    are in place; encoder and decoder have six activations each, hence three pairs. Second, a linear
-    code that mixes vertices alike for all features is best made of the leading left singular
-    vectors of the vertices x (frames, coordinates) matrix. The latents begin as a random rotation
-    of those modes' coefficients, scaled to order one: distances between latents then are distances
+    so that a *pair* of layers joined by minus the identity is linear in spite of both activations;
+    encoder and decoder have six activations each, hence three pairs. Second, the best linear code
+    with the same vertex modes for all features consists of the leading left singular vectors of the
+    vertices x (frames, coordinates) matrix. The latents are a random rotation of these modes'
+    coefficients, scaled to order one: distances between latents are then proportional to those
     between offsets, and no latent outweighs another.
 
     `sample` (frames, V, 3) are normalised offsets of training frames; `seed` decides the random
@@ -167,18 +168,17 @@ def _set(layer: Any, weight: Tensor) -> None:
 
 
 def _features(generator: torch.Generator, rows: int, columns: int) -> Tensor:
-    """Identity, and below it random features, which nothing reads at first but training may."""
+    """The identity, and below it random features, which only training connects."""
     extra = torch.randn(rows - columns, columns, generator=generator) / columns**0.5
     return torch.cat([torch.eye(columns), extra])
 
 
 def _latent_code(modes: Tensor, size: int, generator: torch.Generator) -> Tensor:
-    """(size, M * 9): rotated latents of the linear features; the rest see the random ones.
+    """The weight (size, M * 9) of the latent layer, by the coefficients (frames, M, 3) of modes.
 
-    Where there are fewer latents than linear features, which are the modes' coefficients
-    (frames, M, 3), their leading principal directions have them. Were the spare latents and the
-    spare features zero on both sides, no gradient would ever reach them; hence their small random
-    weights.
+    Latents are rotated linear features, the coefficients; if there are fewer latents, their leading
+    principal directions. Spare latents get small random weights of spare features: if both were
+    zero, no gradient would ever reach them.
     """
     _, vertices, coordinates = modes.shape
     linear = min(vertices * coordinates, size)
@@ -195,10 +195,10 @@ def _latent_code(modes: Tensor, size: int, generator: torch.Generator) -> Tensor
 
 
 def _with_features(weight: Tensor, vertices: int, generator: torch.Generator) -> Tensor:
-    """The decoder's first weight (vertices * 9, n), in which no spare feature is zero.
+    """The decoder's first weight (vertices * 9, n) with random weights of spare features.
 
-    Where no latent was spare they would all be, and so learn one and the same. Nothing reads them
-    at first: the code stays linear.
+    If no latent was spare these would all be zero, and then learn the same. Later layers ignore
+    them at first, so the code stays linear.
     """
     weight = weight.clone().view(vertices, FEATURES[-1], -1)
     spare = weight[:, FEATURES[0] :]

@@ -1,4 +1,4 @@
-"""`dsnet decode`: predicted latents back to offsets, for the sequences that are evaluated."""
+"""`dsnet decode`: predicted latents to offsets, for the sequences that are evaluated."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from torch_align_ae.workers import torch_workers
 class DecodeConfig:
     """Decode DSNet's latents: about 3 ms a frame and array on two cores, 1 GB of memory.
 
-    Gives the offsets of the validation and test sequences and of one training sequence a subject:
-    `offsets_<name>` of each predictor, and the autoencoder's own of the aligned offsets.
+    Gives the offsets of the validation and test sequences and of one training sequence per subject:
+    `offsets_<name>` of each predictor, and the autoencoder's reconstruction of aligned offsets.
     """
 
     run: str = "demo"
@@ -53,14 +53,14 @@ def _make(infer: Artifact, encode: Artifact, trained: Artifact, writer: Artifact
     def decode(infer: Artifact, item: tuple[MotionSequence, MotionSequence]) -> None:
         source, target = item
         latents = {name: infer.array(f"latents_{name}")[source.frames] for name in predictors}
-        # Test sequences were never aligned: their rows keep the zeros of a new array.
-        if known := aligned.get(source.name):
-            latents[AUTOENCODER] = encode.array(LATENTS_OF[AUTOENCODER])[known.frames]
+        # Test sequences are not aligned: their rows stay zero.
+        if sequence := aligned.get(source.name):
+            latents[AUTOENCODER] = encode.array(LATENTS_OF[AUTOENCODER])[sequence.frames]
         for name, values in latents.items():
             codec = codecs[codes.get(name, AUTOENCODER)]
             for piece in target.pieces():
-                own = slice(piece.start - target.start, piece.stop - target.start)
-                offsets[name].write(piece.start, codec.decode(values[own]))
+                rows = slice(piece.start - target.start, piece.stop - target.start)
+                offsets[name].write(piece.start, codec.decode(values[rows]))
 
     with torch_workers(on_any_node("threads"), infer) as pool:
         done = pool.map(decode, list(zip(chosen, placed, strict=True)))

@@ -1,4 +1,4 @@
-"""`dsnet encode`: every frame's offsets as latents (Section 4.1)."""
+"""`dsnet encode`: offsets of all frames to latents (Section 4.1)."""
 
 from __future__ import annotations
 

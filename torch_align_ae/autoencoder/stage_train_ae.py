@@ -45,9 +45,9 @@ from torch_align_ae.autoencoder.mesh_autoencoder import (
     parameter_count,
 )
 from torch_align_ae.autoencoder.training import (
-    Pace,
     Schedule,
     Training,
+    TrainingOptions,
     TrainingPlan,
     keep_freed_memory,
     multiplies_bfloat16,
@@ -56,15 +56,15 @@ from torch_align_ae.workers import device
 
 PresetName = Literal["literal", "measured", "short"]
 PrecisionName = Literal["auto", "bfloat16", "float32"]
-TrialName = Literal["literal", "measured", "short", "sequence_split", "all_frames"]
+ComparisonName = Literal["literal", "measured", "short", "sequence_split", "all_frames"]
 
 
 @dataclass(frozen=True)
 class TrainingPreset(Schedule):
-    """What the paper leaves open about the autoencoder's training, decided one way."""
+    """One choice of what the paper leaves open about the training of the autoencoder."""
 
     normalisation: NormalisationName
-    initialisation: Literal["torch", "modes"]  # weights begin as PyTorch's do, or as a linear code
+    initialisation: Literal["torch", "modes"]  # PyTorch's initial weights, or a linear code
     departures: tuple[str, ...]  # from the paper's words or their plainest meaning
 
 
@@ -87,8 +87,8 @@ _MEASURED = TrainingPreset(
 PRESETS: dict[PresetName, TrainingPreset] = {
     "literal": TrainingPreset("global_maximum", "torch", departures=()),
     "measured": _MEASURED,
-    # Adam's rate decides how far training first moves away from the linear code, and how near it
-    # comes back in few steps: it has to suit the error that this code begins with.
+    # Adam's rate decides how far training first moves away from the linear code, and how close it
+    # gets again in few steps, so it is in proportion to the error of that code.
     "short": replace(
         _MEASURED,
         learning_rate_of_loss=0.0134,
@@ -99,11 +99,11 @@ PRESETS: dict[PresetName, TrainingPreset] = {
         ),
     ),
 }
-"""The paper's words taken literally, and what learns on these data."""
+"""The paper's words taken literally, and settings that learn well on these data."""
 
 
 @dataclass(frozen=True)
-class TrainAutoencoderConfig(Pace):
+class TrainAutoencoderConfig(TrainingOptions):
     """Train the mesh autoencoder: about 0.4 s a step of 64 frames on two cores that multiply
     bfloat16, twice that in float32; 1.5 GB of memory.
 
@@ -128,7 +128,7 @@ class TrainAutoencoderConfig(Pace):
     include_held_out: Fixed[bool] = False
     """Draw from the validation sequences too, as the paper does: its code has seen the clip on
     which DSNet is judged."""
-    comparisons: tuple[TrialName, ...] = ()
+    comparisons: tuple[ComparisonName, ...] = ()
     """Further trainings, for the report alone: another preset, a split by sequences, or all frames,
     those of the held-out sequences too."""
     comparison_epochs: Fixed[NonNegativeInt] = 0
@@ -171,7 +171,7 @@ def main(config: TrainAutoencoderConfig) -> None:
                 "meshes of SMPL's topology: vertices of the embedded bodies have another order",
                 "Leave --dmpl out, or align licensed files (docs/data.md).",
             )
-        load_dmpl_directions(config.dmpl)  # which may refuse it, before hours of training
+        load_dmpl_directions(config.dmpl)  # refuses a bad file before hours of training
         upstream["dmpl"] = config.dmpl
     keep_freed_memory()
     make = partial(_make, config, align)
@@ -185,7 +185,7 @@ def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWrite
         architecture=codec.architecture(), autoencoder=summary, parameters=parameter_counts()
     )
     del codec
-    # Linear codes, of the frames that the autoencoder is trained on.
+    # Linear codes, fitted to the frames on which the autoencoder is trained.
     offsets_m = align.array("offsets")
     linear: dict[CodeName, PcaCodec]
     linear = {PCA: PcaCodec.fit(offsets_m, split.train, LATENT_SIZE, seed=config.seed)}
@@ -202,7 +202,7 @@ def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWrite
     writer.record(comparisons=compared)
 
 
-def _comparison(config: TrainAutoencoderConfig, name: TrialName) -> TrainAutoencoderConfig:
+def _comparison(config: TrainAutoencoderConfig, name: ComparisonName) -> TrainAutoencoderConfig:
     changes: dict[str, Any] = {"preset": name}
     if name == "sequence_split":
         changes = {"split": "sequence"}
@@ -218,7 +218,7 @@ def _begun(
 ) -> Training[MeshAutoencoder]:
     """A training before its first step."""
     preset = PRESETS[config.preset]
-    offsets_m = align.array("offsets")  # mapped once: pages of two maps would count twice
+    offsets_m = align.array("offsets")  # opened once, as pages of two memory maps would count twice
     split = split_autoencoder_frames(
         sequences_of(align), config.seed, by=config.split, include_held_out=config.include_held_out
     )
@@ -230,7 +230,7 @@ def _begun(
         sample = torch.from_numpy(mode_sample(offsets_m, split, config.seed))
         initialise_with_modes(model, normaliser.normalise(sample), config.seed)
     model.to(device())
-    settings = {one.name: getattr(config, one.name) for one in fields(Pace)}
+    settings = {one.name: getattr(config, one.name) for one in fields(TrainingOptions)}
     settings |= {one.name: getattr(preset, one.name) for one in fields(Schedule)}
     per_epoch = math.ceil(len(split.train) / config.batch_size)
     settings["steps"] = config.steps or config.epochs * per_epoch
@@ -242,7 +242,7 @@ def _begun(
 def _trained(
     name: str, config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter
 ) -> tuple[Codec, FrameSplit, dict[str, Any]]:
-    """Train, or go on from the writer's checkpoint; of what frames, and what the manifest says."""
+    """Train, or continue from the checkpoint; gives codec, frames and entry of the manifest."""
     checkpoint = writer.checkpoints.resolve() / f"{name}.safetensors"
     if config.precision == "auto":
         fast = multiplies_bfloat16() and device().type == "cpu"
@@ -282,7 +282,7 @@ def _trained(
 def mode_sample(
     offsets_m: NDArray[np.float32], split: FrameSplit, seed: int
 ) -> NDArray[np.float32]:
-    """Training frames (frames, V, 3) in metres from which `initialise_with_modes` begins."""
+    """The sample (frames, V, 3) of training frames for `initialise_with_modes`, metres."""
     count = min(SAMPLE_FRAMES, len(split.train))
     frames = np.random.default_rng(seed).choice(split.train, count, replace=False)
     return np.asarray(offsets_m[np.sort(frames)], dtype=np.float32)
@@ -291,7 +291,7 @@ def mode_sample(
 def _scores(
     codec: OffsetCodec, align: Artifact, offsets_m: NDArray[np.float32], split: FrameSplit
 ) -> dict[str, float | None]:
-    """R2 on validation frames, and on the sequences that are held out; None if there are none."""
+    """R2 on validation frames, and on held-out sequences; None if there are none."""
     held_out = held_out_frames(sequences_of(align))
     return {
         "r2_validation": reconstruction_r2(codec, offsets_m, split.validation),

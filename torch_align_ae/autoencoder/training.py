@@ -1,7 +1,7 @@
 """Training of an autoencoder: Adam on the mean squared error of normalised offsets.
 
-The paper gives optimiser, learning rate, batch size and split (Section 5) but not the loss; the
-mean squared error is the usual one, and ours.
+The paper states optimiser, learning rate, batch size and split (Section 5) but not the loss; the
+mean squared error is the usual choice.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ class Schedule:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pace:
-    """How a training goes through its frames, and how often it is judged."""
+class TrainingOptions:
+    """Options of a training: its length, batches and validation."""
 
     seed: Seed = 0
     """Seed of the split, the initial weights and the order of frames."""
@@ -60,25 +60,25 @@ class Pace:
     batch_size: Fixed[PositiveInt] = 64
     """Frames a step; the paper's is 64."""
     validate_every: Fixed[NonNegativeInt] = 0
-    """Steps between two validation losses, the best of which decides what is kept; 0: an epoch."""
+    """Steps between validation losses, by the best of which weights are kept; 0: an epoch."""
     patience: Fixed[NonNegativeInt] = 0
-    """Validation losses without a better one after which training stops; 0: never."""
+    """Number of validation losses without improvement after which training stops; 0: never."""
     validation_frames: Fixed[NonNegativeInt] = 0
-    """Validation frames scored each time, evenly spaced; 0: all. The final score takes all."""
+    """Validation frames of these losses, evenly spaced; 0: all. The final score uses all."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainingPlan(Schedule, Pace):
-    """Pace and learning rate of one training, all decided."""
+class TrainingPlan(Schedule, TrainingOptions):
+    """All options and the learning rate of one training."""
 
     steps: int = field()
-    """Optimiser steps in all; the last epoch may be a part of one."""
+    """Optimiser steps in all; the last epoch may be incomplete."""
     bfloat16: bool = False
-    """Whether a step multiplies bfloat16 matrices; weights, their sums and validation, by which the
-    best ones are chosen, stay float32."""
+    """Whether training steps multiply bfloat16 matrices; weights, their sums and validation stay
+    float32."""
 
-    def share_at(self, step: int) -> float:
-        """Share of the largest learning rate that the step with this number, from 0, takes."""
+    def rate_factor(self, step: int) -> float:
+        """Learning rate of a step, counted from 0, relative to the largest one."""
         if step < self.warmup_steps:
             return (step + 1) / self.warmup_steps
         if not self.cosine_decay:
@@ -89,7 +89,7 @@ class TrainingPlan(Schedule, Pace):
 
 @dataclass(frozen=True)
 class TrainingResult:
-    """What training leaves behind; the model holds the weights of the least validation loss."""
+    """Losses of a training; the model then has the weights of the least validation loss."""
 
     losses: NDArray[np.float64]  # (R,) mean training loss of the steps before each validation
     validation_losses: NDArray[np.float64]  # (R + 1,); the first is before the first step
@@ -103,12 +103,11 @@ class TrainingResult:
 
 @dataclass
 class Training(Generic[Network]):
-    """One model on its way through a plan; `run` may be killed and called again anywhere.
+    """Training of one model by a plan; after an interruption `run` continues from the checkpoint.
 
-    Once it is made the process computes reproducibly, and `normaliser` is on the model's device.
-
-    The best weights so far lie in a file beside the checkpoint, not in memory, of which Casas and
-    Otaduy's autoencoder takes four times its own size as it is: weights, gradients, Adam's moments.
+    Creating it makes the process compute reproducibly, and moves `normaliser` to the model's
+    device. The best weights so far are in a file beside the checkpoint, not in memory, where
+    weights, gradients and Adam's moments already take four times the size of the model.
     """
 
     model: Network
@@ -121,14 +120,14 @@ class Training(Generic[Network]):
 
     learning_rate: float = field(init=False)  # the largest one
     step_s: list[float] = field(init=False, default_factory=list)
-    """Seconds of each step that this process took; of a GPU only the time to ask for it."""
+    """Seconds of each step in this process; on a GPU only the time to launch it."""
 
     def __post_init__(self) -> None:
         compute_reproducibly()
         self.learning_rate = self.plan.learning_rate
         self._device = next(self.model.parameters()).device
         self.normaliser.to(self._device)
-        # One fused pass over weights and moments; it is bit-reproducible and twice as fast.
+        # One fused pass over weights and moments, which is bit-reproducible and twice as fast.
         self._adam = torch.optim.Adam(self.model.parameters(), self.learning_rate, fused=True)
         self._scored = scored_frames(self.split, self.plan.validation_frames)
 
@@ -188,7 +187,7 @@ class Training(Generic[Network]):
         for step, batch in zip(steps, self._batches(steps.start), strict=False):
             started = time.perf_counter()
             for group in self._adam.param_groups:
-                group["lr"] = self.learning_rate * self.plan.share_at(step)
+                group["lr"] = self.learning_rate * self.plan.rate_factor(step)
             self._adam.zero_grad()
             with torch.autocast(self._device.type, torch.bfloat16, enabled=self.plan.bfloat16):
                 loss = self._loss(batch)
@@ -201,7 +200,7 @@ class Training(Generic[Network]):
         return total.item() / len(steps)
 
     def _batches(self, start: int) -> Iterator[Tensor]:
-        """Batches from step `start` on, in orders that the epoch's number and the seed decide."""
+        """Batches from step `start` on, in an order that the epoch and the seed decide."""
         epoch, skipped = divmod(start, self._epoch_steps)
         while True:
             epoch += 1
@@ -230,8 +229,10 @@ class Training(Generic[Network]):
         save_checkpoint(self.best_file, weights)
 
     def _save(self, result: TrainingResult) -> None:
-        """Write weights, Adam's moments and the losses atomically. No random state is kept: each
-        epoch's order follows from the seed and the epoch's number, and nothing else is drawn."""
+        """Write weights, Adam's moments and losses atomically.
+
+        There is no random state: the order of each epoch follows from the seed and its number.
+        """
         arrays = {f"history.{name}": array for name, array in vars(result).items()}
         for name, parameter in self.model.named_parameters():
             arrays[f"model.{name}"] = _numpy(parameter)
@@ -240,7 +241,7 @@ class Training(Generic[Network]):
         save_checkpoint(self.checkpoint, arrays)
 
     def _restored(self, arrays: dict[str, NDArray]) -> TrainingResult:
-        """Go on from what `_save` wrote."""
+        """Continue from the arrays that `_save` wrote."""
         result = TrainingResult(*(arrays[f"history.{f.name}"] for f in fields(TrainingResult)))
         named = dict(self.model.named_parameters())
         self._assign({name: arrays.pop(f"model.{name}") for name in named})
@@ -253,18 +254,18 @@ class Training(Generic[Network]):
 
     def _assign(self, weights: dict[str, NDArray]) -> None:
         named = dict(self.model.named_parameters())
-        if lacking := ", ".join(sorted(named.keys() - weights)):
+        if missing := ", ".join(sorted(named.keys() - weights)):
             raise DsnetError(
-                f"{self.best_file} without {lacking}", "all weights", "Remove it to train anew."
+                f"{self.best_file} without {missing}", "all weights", "Remove it to train anew."
             )
         tensors = {name: torch.from_numpy(weights[name]) for name in named}
         self.model.load_state_dict(tensors, strict=False)  # buffers are not kept
 
 
-def scored_frames(split: FrameSplit, wanted: int) -> NDArray[np.int64]:
-    """So many validation frames, evenly spaced; all if `wanted` is 0 or more than there are."""
+def scored_frames(split: FrameSplit, most: int) -> NDArray[np.int64]:
+    """Validation frames, evenly spaced, at most `most`; all if that is 0."""
     count = len(split.validation)
-    return split.validation[np.linspace(0, count - 1, min(wanted or count, count)).astype(int)]
+    return split.validation[np.linspace(0, count - 1, min(most or count, count)).astype(int)]
 
 
 def _numpy(tensor: Tensor) -> NDArray[np.float32]:
@@ -272,22 +273,23 @@ def _numpy(tensor: Tensor) -> NDArray[np.float32]:
 
 
 def compute_reproducibly() -> None:
-    """From now on compute in an order that does not depend on timing.
+    """Make PyTorch compute the same bits in every run, for the rest of the process.
 
-    A processor needs nothing but the same number of threads, for sums are split by it; whatever is
-    drawn at random has a generator with the run's seed. On a GPU cuBLAS has to keep one workspace,
-    and operations that add in no fixed order are replaced, or refused with an error.
+    A CPU needs only the same number of threads, by which sums are split; all random numbers have
+    generators with the run's seed. On a GPU cuBLAS needs a fixed workspace, and operations that add
+    in no fixed order are replaced or raise an error.
     """
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     torch.use_deterministic_algorithms(True)
     settings: Any = torch.utils.deterministic
-    # Nothing here reads memory that it has not written, and filling it costs a pass over it.
+    # No code here reads uninitialised memory, so filling it would only take time.
     settings.fill_uninitialized_memory = False
 
 
 def multiplies_bfloat16() -> bool:
-    """Whether this processor has instructions for products of bfloat16 matrices (`avx512_bf16`):
-    without them they would take longer than those of float32.
+    """Whether this processor has instructions for products of bfloat16 matrices (`avx512_bf16`).
+
+    Without them these would be slower than those of float32.
     """
     cpuinfo = Path("/proc/cpuinfo")
     return cpuinfo.is_file() and " avx512_bf16 " in cpuinfo.read_text(encoding="utf-8")
@@ -297,8 +299,8 @@ def keep_freed_memory() -> None:
     """Ask the C library to keep freed memory instead of returning it to the kernel.
 
     A training step frees and allocates half a gigabyte of activations and gradients. glibc maps
-    blocks of this size anew each time: 40,000 to 60,000 page faults a step, which are dear in a
-    virtual machine. Kept, there are none. Elsewhere than on glibc this does nothing.
+    blocks of this size anew each time, with 40,000 to 60,000 page faults a step, which are slow in
+    a virtual machine. Kept memory has none. Without glibc this does nothing.
     """
     if platform.libc_ver()[0] == "glibc":
         trim_threshold, top_pad, mmap_max = -1, -2, -4

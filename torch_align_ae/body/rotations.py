@@ -18,7 +18,7 @@ def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
     """
     squared = axis_angle.square().sum(-1)[..., None, None]
     small = squared < _SERIES_BELOW
-    # Safe to divide by where the series stands in, too.
+    # Also safe to divide by where the series is used.
     angle = torch.sqrt(torch.where(small, torch.ones_like(squared), squared))
     series = 1 - squared / 6 + squared**2 / 120
     sine = torch.where(small, series, torch.sin(angle) / angle)
@@ -32,8 +32,8 @@ def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
 
 def matrix_to_axis_angle(matrix: Tensor) -> Tensor:
     """Axis-angle vectors (..., 3), angle at most pi, of rotations (..., 3, 3); no gradients."""
-    found = Rotation.from_matrix(matrix.reshape(-1, 3, 3).double().numpy()).as_rotvec()
-    return torch.from_numpy(found).to(matrix).view(matrix.shape[:-1])
+    vectors = Rotation.from_matrix(matrix.reshape(-1, 3, 3).double().numpy()).as_rotvec()
+    return torch.from_numpy(vectors).to(matrix).view(matrix.shape[:-1])
 
 
 def nearest_rotation(matrix: Tensor) -> Tensor:

@@ -1,7 +1,7 @@
 """SMPL in PyTorch: posing (Eq. 1-2), differentiable in every argument, and unposing (Eq. 5).
 
-Inside, coordinates come before vertices, (B, 3, V): every product of skinning is then a stream
-over contiguous vertices, which a processor does three times faster than many 3 x 3 products.
+Inside, coordinates come before vertices, (B, 3, V): products of skinning then run over contiguous
+vertices, three times faster than many 3 x 3 products.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ class SMPL(nn.Module):
         return self.template.shape[1]
 
     def moving_weights(self) -> Tensor:
-        """(22, V) skinning weights of the joints that theta moves: hands' are the wrists', a face's
-        the head's."""
+        """Skinning weights (22, V) of the joints of theta; those of hands are added to the wrists',
+        those of a face to the head's."""
         weights = self.weights.clone()
         for hand in range(len(self.parents) - 1, N_JOINTS - 1, -1):  # fingers end first
             weights[self.parents[hand]] += weights[hand]
@@ -189,16 +189,16 @@ def rest_pose_offsets(
 
 
 def lengths(vectors: Tensor) -> Tensor:
-    """(B, 1, N) of vectors (B, 3, N). PyTorch's `norm` over an axis that is not the last takes
-    many times as long."""
+    """Lengths (B, 1, N) of vectors (B, 3, N), many times faster than PyTorch's `norm` over an axis
+    that is not the last."""
     return vectors.square().sum(1, keepdim=True).sqrt()
 
 
 def _unposed(
     smpl: SMPL, vertices: Tensor, betas: Tensor, pose: Tensor, trans: Tensor
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Unposed mesh and SMPL's rest-pose vertices (B, 3, V), the blended transforms (B, 3, 4, V)
-    and the mesh less their translation (B, 3, V)."""
+    """Unposed mesh and SMPL's rest-pose vertices (B, 3, V), the blended transforms (B, 3, 4, V),
+    and the mesh minus their translations (B, 3, V)."""
     _check_shape("vertices", vertices, (len(betas), smpl.vertex_count, 3))
     rotations = smpl.rotations(pose)
     rest = smpl.planar_rest(betas, rotations)
@@ -224,7 +224,7 @@ def _unposed(
 def _keep_collapsed(
     result: Tensor, singular: Tensor, blended: Tensor, centred: Tensor, rest: Tensor
 ) -> Tensor:
-    """Replace singular vertices by the least change of SMPL's rest vertex that explains them."""
+    """Replace singular vertices by SMPL's rest vertices, with the least change to explain them."""
     body, vertex = singular.nonzero(as_tuple=True)
     matrix = blended[body, :, :3, vertex]
     start = rest[body, :, vertex]

@@ -1,7 +1,7 @@
-"""Procedural motions under Dyna's names, and held-out kinds: MoSh's (Section 3.2) and more.
+"""Procedural motions with Dyna's names, and held-out kinds: MoSh's (Section 3.2) and more.
 
-A motion is a plan over time (`plan.py`): the pelvis's path, the feet's places, the joints above.
-`posing.py` turns it into the paper's pose vector for the proportions of one subject.
+A motion is planned over time (`plan.py`): path of the pelvis, positions of the feet, joints above.
+`posing.py` converts a plan to the paper's pose vector for the proportions of one subject.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ DYNA_MOTIONS = _named(
     airborne.running_on_spot,
 )
 HELD_OUT_MOTIONS = _named(
-    # MoSh's.
+    # Of MoSh.
     airborne.side_to_side_hopping,
     airborne.basketball_dribble_and_shoot,
     in_place.kicking,
-    # Everyday's.
+    # Of everyday life.
     locomotion.walking,
     locomotion.turning,
     locomotion.quick_stops,
@@ -56,7 +56,7 @@ HELD_OUT_MOTIONS = _named(
 )
 MOTIONS = DYNA_MOTIONS | HELD_OUT_MOTIONS
 WHOLE_S = {"lying_down_and_getting_up": 5.6}
-"""What is not done again and again, and how long it takes at the slowest tempo, seconds."""
+"""Motions that are not periodic, and their duration at the slowest tempo, seconds."""
 
 
 def perform(
@@ -71,12 +71,12 @@ def perform(
 ) -> Array:
     """theta (T, 69) of `subject` doing `motion`: y up, floor at 0, facing +z, at rest at first.
 
-    The same names, seed and take give the same motion, whatever else is made and at whatever rate;
+    The motion depends on names, seed and take alone, not on the frame rate or other motions;
     another `take` is the same kind of motion in another style.
     """
     if motion not in MOTIONS:
         raise DsnetError(f"motion {motion!r}", f"one of {', '.join(MOTIONS)}", "Check its name.")
-    occasion = motion if take == 1 else f"{motion}{take_suffix(take)}"
+    style_name = motion if take == 1 else f"{motion}{take_suffix(take)}"
     times_s = np.arange(frame_count) / fps
-    planner = Planner.drawn(subject, occasion, times_s, skeleton.size, seed)
+    planner = Planner.drawn(subject, style_name, times_s, skeleton.size, seed)
     return pose_body(skeleton, MOTIONS[motion](planner))

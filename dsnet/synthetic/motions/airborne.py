@@ -164,7 +164,7 @@ def basketball_dribble_and_shoot(m: Planner) -> BodyPlan:
 
 
 class _Hops:
-    """Hops until after the last of the times, at somebody's own rate and size.
+    """Hops until after the last of the times, with the planner's tempo and size.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ class _Hops:
         self._planner = m
         contact_s /= m.tempo
         crouch_m, take_off_m = crouch_m * m.size, take_off_m * m.size
-        # More than fill the time; the same whatever the frame rate.
+        # More hops than fit into the time, independent of the frame rate.
         span_s = m.times_s[-1] + 0.01 - begin_s
         count = int(np.ceil(span_s / (0.7 * (flight_s + contact_s)))) + 1
         factors = 1 + 0.06 * np.clip(m.rng().standard_normal((count, 2)), -2, 2)
@@ -213,8 +213,10 @@ class _Hops:
         return np.stack(flights, axis=1).ravel()
 
     def steps(self, tuck_m: float, x_m: Array | float = 0.0, **angles: float) -> list[Step]:
-        """Those of a foot that takes part in every hop and keeps below the body: as high as the
-        flight, and `tuck_m` drawn up. `x_m` may hold the place of each landing."""
+        """Steps of a foot in every hop, below the body: as high as the flight plus `tuck_m`.
+
+        `x_m` may be the position of each landing.
+        """
         lifts_m = GRAVITY_M_S2 * (self.landings_s - self.take_offs_s) ** 2 / 8 + tuck_m
         rows = np.broadcast(self.take_offs_s, self.landings_s, lifts_m, x_m)
         return [Step(*row, **angles) for row in rows]
@@ -230,7 +232,7 @@ class _Hops:
         roll: Array | float = 0.0,
         lean: Array | float = 0.0,
     ) -> BodyPlan:
-        """One over the balls of its feet, which leans forwards as its knees bend."""
+        """A body above the balls of its feet that leans forwards as its knees bend."""
         m = self._planner
         over_balls = m.ease(BEGIN_S, BEGIN_S + 0.4)
         bend = -np.tanh(4 * self.height_m) / 4

@@ -1,4 +1,4 @@
-"""Motions whose feet stay on the floor, or leave it one at a time: Dyna's, and held-out ones."""
+"""Motions with at least one foot on the floor: Dyna's, and held-out ones."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def shake_hips(m: Planner) -> BodyPlan:
     """Quick shakes of the pelvis from side to side."""
     phase = m.cycle(2.5 * m.tempo, BEGIN_S)
     depth = m.amplitude * m.ease(BEGIN_S, BEGIN_S + 0.6)
-    # The strength comes and goes, as nobody shakes evenly.
+    # The amplitude varies slowly, as in a real motion.
     depth = depth * (0.8 + 0.2 * np.sin(0.31 * phase + m.phase))
     side = m.leading_side * np.sin(phase) * depth
     twist = np.sin(phase + 0.8) * depth
@@ -109,14 +109,14 @@ def shake_arms(m: Planner) -> BodyPlan:
     phase = m.cycle(3.0 * m.tempo, BEGIN_S + 0.4)
     depth = m.amplitude * m.ease(BEGIN_S + 0.4, BEGIN_S + 0.9)
     drift = 0.25 * np.sin(0.12 * phase + m.phase) * depth
-    shake, late = np.sin(phase) * depth, np.sin(phase - 0.9) * depth
+    shake, lagging = np.sin(phase) * depth, np.sin(phase - 0.9) * depth
     pelvis_m = m.axis(0.0, -0.02 * raised + 0.004 * shake, 0.0) * m.size
     pelvis_turn = m.axis(0.03 * raised, 0.03 * drift, 0.0)
     spine = m.spine(0.03 * shake, 0.1 * drift)
     arms = m.arms(
         lower=1.12 - 0.62 * raised + drift + 0.26 * shake,
         swing=0.25 * raised,
-        elbow=0.3 + 0.25 * raised + 0.3 * late,
+        elbow=0.3 + 0.25 * raised + 0.3 * lagging,
         shrug=0.05 * shake,
     )
     return BodyPlan(pelvis_m, pelvis_turn, spine | arms)
@@ -242,10 +242,10 @@ def lying_down_and_getting_up(m: Planner) -> BodyPlan:
     tilt = 0.06 * m.leading_side * m.amplitude * low * (1 - lying)
     pelvis_m = m.axis(0.0, -0.72 * low, -0.42 * back) * m.size
     pelvis_turn = m.axis(turn, 0.0, 0.0)
-    carried = m.keyframes(moments_s[[1, 2, 7, 8]], [0.0, 1.0, 1.0, 0.0])
+    on_floor = m.keyframes(moments_s[[1, 2, 7, 8]], [0.0, 1.0, 1.0, 0.0])
     spine = m.spine(curl, tilt)
     arms = m.arms(lower=RELAXED_LOWER + 0.15 * low, swing=0.9 * reach, elbow=0.25 + 0.35 * low)
-    return BodyPlan(pelvis_m, pelvis_turn, spine | arms, carried=carried)
+    return BodyPlan(pelvis_m, pelvis_turn, spine | arms, on_floor=on_floor)
 
 
 def bending_and_reaching(m: Planner) -> BodyPlan:

@@ -16,12 +16,12 @@ from dsnet.synthetic.motions.plan import (
     Step,
 )
 
-# Share of a step in which its foot is in the air; in the rest both feet carry.
+# Fraction of a step in which its foot is in the air; in the rest both feet are on the floor.
 _SWING = 0.8
 
 
 def _steady(m: Planner, steady_s: float, reached: float, rate: float, end_s: float) -> Array:
-    """A curve that sets out from rest and goes on at an even rate from `steady_s` on."""
+    """A curve that starts from rest and has a constant rate from `steady_s` on."""
     last = reached + rate * (end_s - steady_s)
     knots = [(BEGIN_S, 0.0, 0.0, 0.0), (steady_s, reached, rate, 0.0), (end_s, last, rate, 0.0)]
     return m.track(knots)
@@ -64,8 +64,8 @@ def turning(m: Planner) -> BodyPlan:
     sides = m.sides(starts_s)
     step = partial(Step, lift_m=0.05 * m.size, take_off_pitch=0.35, pitch=0.3, landing_pitch=0.1)
     steps = [
-        step(at_s, at_s + 0.85 * step_s, heading=turn * (row // 2 + 1), side=own)
-        for row, (own, at_s) in enumerate(zip(sides, starts_s, strict=True))
+        step(at_s, at_s + 0.85 * step_s, heading=turn * (row // 2 + 1), side=foot)
+        for row, (foot, at_s) in enumerate(zip(sides, starts_s, strict=True))
     ]
     rate, steady_s = turn / (2 * step_s), start_s + 2 * step_s
     # At the end of a pair of steps the body faces a quarter of their turn beyond its feet.

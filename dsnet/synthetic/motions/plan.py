@@ -1,4 +1,4 @@
-"""What a motion asks of a body, before any body's proportions enter, and how it is planned."""
+"""Plans of motions, which do not depend on the proportions of a body, and curves to make them."""
 
 from __future__ import annotations
 
@@ -18,15 +18,17 @@ Joints = dict[str, Array]
 Part = TypeVar("Part")
 GRAVITY_M_S2 = 9.81
 BEGIN_S = 0.2
-"""Until then a body stands still."""
+"""Time until which a body stands still."""
 RELAXED_LOWER = 1.12
 _COLLAR_SHARE = 0.12
 
 
 @dataclass(frozen=True, eq=False)
 class FootPath:
-    """One foot over T frames, led by its ball: what touches the floor last and first. Without
-    arguments it stays in its place."""
+    """One foot over T frames, by the path of its ball, which leaves the floor last.
+
+    Without arguments it stays in its place.
+    """
 
     ball_m: Array | float = 0.0
     """(T, 3) displacement of the ball of the foot from where it stands; y = 0 is contact."""
@@ -34,7 +36,7 @@ class FootPath:
     """(T,) toes-down angle of the foot, radians. A leg that is too short raises it further."""
     yaw: Array | float = 0.0  # (T,) toes-left angle of the foot, radians
     heading: Array | float = 0.0
-    """(T,) turn of the foot and of the place where it stands about the body's starting place."""
+    """(T,) rotation of the foot and of its position about the body's initial position, radians."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +49,8 @@ class BodyPlan:
     feet: tuple[FootPath, FootPath] = (FootPath(), FootPath())  # the left one and the right one
     heading: Array | float = 0.0
     """(T,) where the body faces, radians to its left of +z; `pelvis_turn` is relative to it."""
-    carried: Array | None = None
-    """(T,) from 0, the feet carry the body, to 1, its lowest skin lies on the floor."""
+    on_floor: Array | None = None
+    """(T,) 0 if the body stands on its feet, 1 if its lowest skin lies on the floor."""
 
 
 @dataclass(frozen=True)
@@ -70,15 +72,15 @@ class Step:
 
 
 def by_side(side: int, own: Part, other: Part) -> tuple[Part, Part]:
-    """The left's and the right's, of which the one on `side`, +1 for the left, is `own`."""
+    """A pair for left and right, with `own` on `side`, which is +1 for the left."""
     return (own, other) if side == 1 else (other, own)
 
 
 @dataclass(frozen=True, eq=False)
 class Planner:
-    """What one subject plans one motion with: curves over T times and postures, in its style.
+    """Makes curves over T times and postures in the style of one subject and motion.
 
-    `drawn` from the subject's and the motion's names, a style is independent of which others are.
+    The style is `drawn` by the names of both, so it does not depend on other motions.
     """
 
     times_s: Array  # (T,)
@@ -98,22 +100,22 @@ class Planner:
         return cls(times_s, size, entropy, amplitude, tempo, phase, leading_side)
 
     def rng(self) -> np.random.Generator:
-        """A fresh generator, so that the same style always gives the same motion."""
+        """A new generator with the same seed, so that a style always gives the same motion."""
         return np.random.default_rng(self.entropy)
 
     def starts_s(self, begin_s: float, period_s: float) -> Array:
-        """When what is repeated begins again, until after the last of the times."""
+        """Start times of repetitions, until after the last of the times."""
         return np.arange(begin_s, self.times_s[-1] + 1.0, period_s)
 
     def sides(self, starts_s: Array) -> NDArray[np.integer]:
-        """Whose turn it is at each of these: the leading side first, +1 for the left."""
+        """The side at each of these, in turn from the leading side; +1 is the left."""
         return self.leading_side * (-1) ** np.arange(len(starts_s))
 
     def zeros(self) -> Array:
         return np.zeros(self.times_s.shape)
 
     def share(self, start_s: float, stop_s: float) -> Array:
-        """From 0 until `start_s`, evenly, to 1 from `stop_s` on."""
+        """0 until `start_s`, 1 from `stop_s` on, and linear between."""
         return np.clip((self.times_s - start_s) / (stop_s - start_s), 0.0, 1.0)
 
     def ease(self, start_s: float, stop_s: float) -> Array:
@@ -135,7 +137,7 @@ class Planner:
         return result
 
     def repeated(self, starts_s: Iterable[float], moments_s: Array, values: ArrayLike) -> Array:
-        """Keyframes that begin again and again."""
+        """Keyframes that are repeated from each of the start times."""
         return sum((self.keyframes(at_s + moments_s, values) for at_s in starts_s), self.zeros())
 
     def track(self, knots: Sequence[Sequence[float]]) -> Array:
@@ -157,18 +159,18 @@ class Planner:
         return 2 * np.pi * rate_hz * travelled_s
 
     def axis(self, x: ArrayLike = 0.0, y: ArrayLike = 0.0, z: ArrayLike = 0.0) -> Array:
-        """(T, 3) from three curves or constants."""
+        """Vectors (T, 3) from three curves or constants."""
         return np.stack([np.broadcast_to(part, self.times_s.shape) for part in (x, y, z)], axis=1)
 
     def spine(self, bend: ArrayLike, turn: ArrayLike = 0.0, roll: ArrayLike = 0.0) -> Joints:
-        """Forward bend, left turn and roll, spread over three joints; the head undoes half."""
+        """Forward bend, left turn and roll, divided among three joints; the head reverses half."""
         whole = self.axis(bend, turn, roll)
         joints: Joints = {f"spine{number}": whole / 3 for number in (1, 2, 3)}
         joints["neck"] = joints["head"] = -whole / 4
         return joints
 
     def arms(self, **angles: ArrayLike | tuple[ArrayLike, ArrayLike]) -> Joints:
-        """Angles as in `_arm`, of both alike, or the left's and the right's."""
+        """Angles as in `_arm`, for both arms, or as pairs for left and right."""
         pairs = {name: a if isinstance(a, tuple) else (a, a) for name, a in angles.items()}
         left, right = ({name: pair[row] for name, pair in pairs.items()} for row in (0, 1))
         return self._arm("left", **left) | self._arm("right", **right)
@@ -204,16 +206,16 @@ class Planner:
         return {f"{side}_{joint}": rotation * mirror for joint, rotation in left.items()}
 
     def feet(self, steps: Sequence[Step]) -> tuple[FootPath, FootPath]:
-        """The left's and the right's paths, each through its own `steps`."""
+        """Paths of the left and the right foot, each through the `steps` of its side."""
         left, right = ([step for step in steps if step.side == side] for side in (1, -1))
         return self.foot(left), self.foot(right)
 
     def foot(self, steps: Sequence[Step]) -> FootPath:
-        """A foot that stands in its place, goes through `steps` and stands between them."""
+        """The path of a foot through `steps`, between which it stands."""
         if not steps:
             return FootPath(self.axis())
         lift_m = self.zeros()
-        along, here = np.zeros((len(lift_m), 3)), np.zeros(3)  # x, z, metres, and heading
+        path, position = np.zeros((len(lift_m), 3)), np.zeros(3)  # x, z, metres, and heading
         flat_s = steps[0].start_s - 0.28
         pitch_knots = [(-1.0, 0.0), (steps[0].start_s - 0.4, 0.0)]
         ends_s = [*(step.start_s for step in steps[1:]), np.inf]  # of the contact after each
@@ -221,9 +223,9 @@ class Planner:
             travel, s = (f(step.start_s, step.stop_s) for f in (self.ease, self.share))
             # Steeper at its ends than `bump`, so that the foot keeps up with a body that takes off.
             arch = (4 * s * (1 - s)) ** 2
-            there = np.array([step.x_m, step.z_m, step.heading])
-            along += np.outer(travel, there - here) - np.outer(arch, (0.0, step.back_m, 0.0))
-            here = there
+            landing = np.array([step.x_m, step.z_m, step.heading])
+            path += np.outer(travel, landing - position) - np.outer(arch, (0.0, step.back_m, 0.0))
+            position = landing
             lift_m += step.lift_m * arch
             middle_s = (step.stop_s + end_s) / 2
             pitch_knots += [
@@ -235,5 +237,5 @@ class Planner:
             ]
             flat_s = middle_s + 0.01
         pitch = self.keyframes(*zip(*pitch_knots, strict=True))
-        x_m, z_m, heading = along.T
+        x_m, z_m, heading = path.T
         return FootPath(self.axis(x_m, lift_m, z_m), pitch, heading=heading)

@@ -1,7 +1,7 @@
 """From a plan to the paper's pose vector, for the proportions of one subject.
 
-Legs are two links in closed form: rotations of hip, knee, ankle and toes put a foot in its place.
-A body that sits or lies is lowered until its skin meets the floor.
+Legs are solved in closed form: rotations of hip, knee, ankle and toes put a foot in its place. A
+body that sits or lies is lowered until its skin touches the floor.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from dsnet.synthetic.motions.plan import Array, BodyPlan
 
 _JOINT = {name: index for index, name in enumerate(SMPL_JOINT_NAMES)}
 _AVERAGE_LEG_M = 0.85
-# Knees are a little bent in standing: straight legs could not take up any movement.
+# Knees are slightly bent in standing, as straight legs could not follow any movement.
 _STANDING_DROP = 0.022
 # Feet stand closer than in the T-pose, whose legs are spread.
 _STANCE_WIDTH = 0.55
 # A leg is never stretched beyond this share of its length: at 1 the knee's speed is unbounded.
 _STRETCH = 0.993
-# Below this toes-down angle a heel leaves the floor gradually instead of at once, radians.
+# Toes-down angle below which a heel leaves the floor gradually instead of abruptly, radians.
 _HEEL_SOFTNESS = np.deg2rad(2.0)
 _PITCH_RANGE = (-0.9, 1.35)
 _TOES_FLAT_BELOW_M = 0.04
-# Skin of trunk, head, buttocks and thighs, on which a person sits and lies: every second vertex.
+# Bones of trunk, head, buttocks and thighs, on whose skin a body sits and lies.
 _BEARING = ("pelvis", "spine1", "spine2", "spine3", "neck", "head", "left_hip", "right_hip")
-_EVERY = 2
+_EVERY_VERTEX = 2
 _SOFTNESS_M = 0.003
-# Flesh gives way under the body's weight.
-_SINKS_IN_M = 0.004
+# Depth by which tissue is compressed under the body's weight.
+_COMPRESSED_M = 0.004
 _SETTLING_ROUNDS = 3
 _SIDES = ("left", "right")
 _X, _Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
@@ -59,14 +59,14 @@ class Skeleton:
 
     @cached_property
     def bearing(self) -> ShapedBody:
-        """The skin that it sits and lies on."""
+        """The skin on which it sits and lies."""
         bones = [_JOINT[name] for name in _BEARING]
-        chosen = np.flatnonzero(self._data.weights[:, bones].sum(1) > 0.5)[::_EVERY]
+        chosen = np.flatnonzero(self._data.weights[:, bones].sum(1) > 0.5)[::_EVERY_VERTEX]
         return Smpl(self._data, chosen, np.float64).person(self._betas)
 
 
 def pose_body(skeleton: Skeleton, plan: BodyPlan) -> Array:
-    """theta (T, 69) of the subject who follows `plan`."""
+    """theta (T, 69) of a subject by `plan`."""
     pose = np.zeros((len(plan.pelvis_m), N_JOINTS, 3))
     pose[:, 0] = _facing(plan)
     for name, rotation in plan.joints.items():
@@ -74,13 +74,13 @@ def pose_body(skeleton: Skeleton, plan: BodyPlan) -> Array:
     pelvis_m = skeleton.joints_m[0] + plan.pelvis_m
     pelvis_m[:, 1] -= _STANDING_DROP * skeleton.joints_m[_JOINT["left_hip"], 1]
     _pose_legs(pose, skeleton, pelvis_m, plan)
-    if plan.carried is not None:
+    if plan.on_floor is not None:
         # Lift or lower the pelvis until the skin lies on the floor; legs and their skin follow.
         planned_m = pelvis_m[:, 1].copy()
         for _ in range(_SETTLING_ROUNDS):
             lowest_m = _lowest_m(skeleton, pose, _trans_m(skeleton, pelvis_m))
-            lying_m = pelvis_m[:, 1] - lowest_m - _SINKS_IN_M
-            pelvis_m[:, 1] = planned_m + plan.carried * (lying_m - planned_m)
+            lying_m = pelvis_m[:, 1] - lowest_m - _COMPRESSED_M
+            pelvis_m[:, 1] = planned_m + plan.on_floor * (lying_m - planned_m)
             _pose_legs(pose, skeleton, pelvis_m, plan)
     return pack_theta(pose, _trans_m(skeleton, pelvis_m))
 
@@ -102,9 +102,9 @@ def _trans_m(skeleton: Skeleton, pelvis_m: Array) -> Array:
 def _lowest_m(skeleton: Skeleton, pose: Array, trans_m: Array) -> Array:
     """(T,) height of the lowest bearing skin, of a `pose` (T, 22, 3) and translation (T, 3).
 
-    A soft minimum, so that one vertex after another touches the floor without a jerk. Rounded
-    to a nanometre: products of matrices differ in their last bits between equal rows, and a
-    body that lies still must be still.
+    It is a soft minimum, so that the body moves smoothly when other vertices touch the floor. It is
+    rounded to a nanometre, as equal rows of a matrix product may differ in their last bits, but a
+    body at rest must not move.
     """
     height_m = skeleton.bearing.pose(pose, trans_m)[..., 1]
     lowest_m = height_m.min(1, keepdims=True)
@@ -123,7 +123,7 @@ def _pose_legs(pose: Array, skeleton: Skeleton, pelvis_m: Array, plan: BodyPlan)
         hip_m = pelvis_m + pelvis.apply(hip - root)
         stand_m = ball.copy()
         stand_m[0] -= (1 - _STANCE_WIDTH) * (ankle[0] - hip[0])
-        if np.any(foot.heading):  # the place of a foot of a body that has turned on the spot
+        if np.any(foot.heading):  # the body has turned on the spot
             about_y = Rotation.from_rotvec(np.outer(foot.heading, _Y))
             axis_m = root * (1.0, 0.0, 1.0)
             stand_m = axis_m + about_y.apply(stand_m - axis_m)
@@ -131,7 +131,7 @@ def _pose_legs(pose: Array, skeleton: Skeleton, pelvis_m: Array, plan: BodyPlan)
         yaw = np.broadcast_to(foot.yaw + foot.heading, len(hip_m))
         reach_m = _STRETCH * float(np.linalg.norm(thigh) + np.linalg.norm(calf))
         least = _least_pitch(hip_m, ball_m, heel, yaw, reach_m)
-        # The asked-for pitch, or as much more as lets the leg reach: a smooth maximum of the two.
+        # A smooth maximum of the planned pitch and the least one at which the leg is long enough.
         pitch = _HEEL_SOFTNESS * np.logaddexp(foot.pitch / _HEEL_SOFTNESS, least / _HEEL_SOFTNESS)
         turned = _foot_turn(pitch, yaw)
         target = pelvis.inv().apply(ball_m + turned.apply(heel) - hip_m)

@@ -3,14 +3,14 @@
 import { unzipSync } from "fflate";
 
 export const GENDERS = ["female", "male", "neutral"];
-const KIND = "surface_model_type"; // whose body it is, where a file says it
+const KIND = "surface_model_type"; // the body model, if the file states it
 const LENGTH = "mocap_time_length", RATES = ["mocap_framerate", "mocap_frame_rate", "fps", "framerate", "frame_rate", "frameRate"];
-const WANTED = ["poses", "trans", "betas", "gender", "source", "body_model", KIND, LENGTH, ...RATES];
+const KEYS = ["poses", "trans", "betas", "gender", "source", "body_model", KIND, LENGTH, ...RATES];
 const WIDTHS = [72, 156, 165], JOINTS = 22, FPS = 60, MOST_FRAMES = 108000;
 const MOST_BYTES = { poses: MOST_FRAMES * 165 * 8, trans: MOST_FRAMES * 24, betas: MOST_FRAMES * 128 };
 const CUT_M = 0.5, CUT_RAD = (150 / 180) * Math.PI, UPRIGHT = [-Math.SQRT1_2, 0, 0, Math.SQRT1_2];
-const ASLANT = 0.5; // of a trunk along z, most of y beside it
-// The root turns about the root joint, and so does the world: R J - J.
+const ASLANT = 0.5; // largest y relative to z of a trunk along z
+// The root rotates about the root joint J, and so does the rotation to y up: R J - J.
 const BY_JOINT = { y: [[0, 0, 0], [0, 0, 0], [0, 0, 0]], z: [[0, 0, 0], [0, -1, 1], [0, -1, -1]] };
 const TYPES = { f4: Float32Array, f8: Float64Array, i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array,
                 i4: Int32Array, u4: Uint32Array, i8: BigInt64Array, u8: BigUint64Array };
@@ -42,45 +42,45 @@ export function readAmass(bytes, mostFrames = MOST_FRAMES) {
   let files;
   try {
     files = unzipSync(bytes, { filter: ({ name, originalSize }) => {
-      const own = name.replace(/\.npy$/, "");
-      if (own === "Rh") refuse("its bodies turn about the origin by 'Rh', as EasyMocap's: write them as 'poses' and 'trans' of SMPL");
-      if (WANTED.includes(own) && originalSize > (MOST_BYTES[own] ?? 4096) + 256) refuse(`'${own}' is larger than any motion's`);
-      return WANTED.includes(own);
+      const key = name.replace(/\.npy$/, "");
+      if (key === "Rh") refuse("its bodies turn about the origin by 'Rh', as EasyMocap's: write them as 'poses' and 'trans' of SMPL");
+      if (KEYS.includes(key) && originalSize > (MOST_BYTES[key] ?? 4096) + 256) refuse(`'${key}' is larger than any motion's`);
+      return KEYS.includes(key);
     } });
   } catch (error) { refuse(error.code === undefined ? error.message : `the file is damaged (${error.message})`); }
   const array = (name) => files[`${name}.npy`] && readNpy(files[`${name}.npy`], name);
   const numbers = (name, most) => {
-    const found = array(name);
-    if (!found?.data) refuse(`no numbers '${name}': this is no AMASS motion`);
-    if (most) for (const x of found.data) if (!(Math.abs(x) <= most)) refuse(`'${name}' hold ${x}: no person's`);
-    return found;
+    const read = array(name);
+    if (!read?.data) refuse(`no numbers '${name}': this is no AMASS motion`);
+    if (most) for (const x of read.data) if (!(Math.abs(x) <= most)) refuse(`'${name}' hold ${x}: no person's`);
+    return read;
   };
   const poses = numbers("poses"), trans = numbers("trans", 1000), betas = numbers("betas", 100);
-  const [frames, width] = poses.shape, [each, many = 1] = betas.shape.filter((size) => size !== 1).reverse();
-  const said = RATES.filter((name) => files[`${name}.npy`]), [rate, ...more] = (said.length ? said : RATES).map((name) => numbers(name, 1e4).data[0]);
+  const [frames, width] = poses.shape, [betaCount, betaRows = 1] = betas.shape.filter((size) => size !== 1).reverse();
+  const stated = RATES.filter((name) => files[`${name}.npy`]), [rate, ...more] = (stated.length ? stated : RATES).map((name) => numbers(name, 1e4).data[0]);
   if (poses.shape.length !== 2 || !WIDTHS.includes(width) || !frames) refuse(`'poses' have shape ${poses.shape}; expected (frames, ${WIDTHS.join(" or ")})`);
   if (trans.shape[0] !== frames || trans.shape[1] !== 3) refuse(`'trans' have shape ${trans.shape} beside ${frames} frames of poses`);
   if (!(rate >= 1)) refuse(`its frame rate is ${rate}`);
   for (const other of more)
     if (!(Math.abs(other / rate - 1) < 0.01)) refuse(`it says two frame rates, ${rate} and ${other}: dsnet view --motion FILE --motion-fps RATE`);
-  if (!(each >= 10 && many) || many * each !== betas.data.length) refuse(`'betas' have shape ${betas.shape}; expected 10 or more`);
-  for (let i = 0; i < poses.data.length; i++) // hands are left at rest, whatever they hold
+  if (!(betaCount >= 10 && betaRows) || betaRows * betaCount !== betas.data.length) refuse(`'betas' have shape ${betas.shape}; expected 10 or more`);
+  for (let i = 0; i < poses.data.length; i++) // hands are ignored, whatever their numbers
     if (i % width < 3 * JOINTS && !(Math.abs(poses.data[i]) <= 100)) refuse(`'poses' hold ${poses.data[i]}: radians are expected`);
   const up = vertical(poses.data, frames, width), high = median(frames, (i) => trans.data[3 * i + (up === "y" ? 1 : 2)]);
   if (Math.abs(high) > 50) refuse(`'trans' are ${high.toPrecision(3)} m high over half of the time: metres are expected`);
   const count = Math.floor(((frames - 1) / rate) * FPS + 1e-3) + 1;
   if (count > Math.min(MOST_FRAMES, mostFrames)) refuse(`a motion of ${count} frames; a page shows ${mostFrames}: cut it into several files`);
-  const again = repeated(poses.data, trans.data, frames, width, rate);
-  if (again) refuse(`its frame ${again} repeats the one before while the body moves; Python interpolates it: dsnet view --motion FILE`);
+  const repeat = repeated(poses.data, trans.data, frames, width, rate);
+  if (repeat) refuse(`its frame ${repeat} repeats the one before while the body moves; Python interpolates it: dsnet view --motion FILE`);
   const theta = atSixty(poses.data, trans.data, frames, width, rate, count, up);
-  const word = (name) => { const found = array(name); return String(found?.text ?? found?.data[0] ?? "").trim(); };
-  const isSmplx = (word(KIND).toLowerCase() || (width === 165 && "smplx")) === "smplx";
-  const gender = word("gender").toLowerCase().replace(/^b'|'$/g, ""), embedded = word("source").startsWith("synthetic") || word("body_model").startsWith("embedded:");
-  const shape = [...Array(10)].map((_, i) => sorted(many, (row) => betas.data[row * each + i])), far = Math.max(...shape.map((all) => all.at(-1) - all[0]));
-  const lasts = frames / rate, told = Number(word(LENGTH) || NaN), says = [];
+  const text = (name) => { const value = array(name); return String(value?.text ?? value?.data[0] ?? "").trim(); };
+  const isSmplx = (text(KIND).toLowerCase() || (width === 165 && "smplx")) === "smplx";
+  const gender = text("gender").toLowerCase().replace(/^b'|'$/g, ""), embedded = text("source").startsWith("synthetic") || text("body_model").startsWith("embedded:");
+  const shape = [...Array(10)].map((_, i) => sorted(betaRows, (row) => betas.data[row * betaCount + i])), range = Math.max(...shape.map((all) => all.at(-1) - all[0]));
+  const duration = frames / rate, statedDuration = Number(text(LENGTH) || NaN), says = [];
   if (up === "y") says.push("It is taken as y up, for its bodies stand so.");
-  if (far > 0.05) says.push(`It changes its shape by up to ${far.toPrecision(2)} betas: the median is taken.`);
-  if (Math.abs(lasts - told) > 0.05 * told + 1 / rate) says.push(`It says that it lasts ${told} s, but ${frames} frames at ${rate} a second last ${+lasts.toPrecision(4)}.`);
+  if (range > 0.05) says.push(`It changes its shape by up to ${range.toPrecision(2)} betas: the median is taken.`);
+  if (Math.abs(duration - statedDuration) > 0.05 * statedDuration + 1 / rate) says.push(`It says that it lasts ${statedDuration} s, but ${frames} frames at ${rate} a second last ${+duration.toPrecision(4)}.`);
   return { theta, frames: count, first: 0, count, starts: [0], by_joint: BY_JOINT[up], unplaced: true, betas: shape.map(middle), fps: FPS,
            gender: GENDERS.find((one, i) => [one, one[0], `${2 - i}`].includes(gender)) ?? "unknown", embedded, space: embedded ? "" : isSmplx ? "SMPL-X's" : "SMPL's",
            says };
@@ -90,13 +90,13 @@ const sorted = (count, value) => Float64Array.from({ length: count }, (_, i) => 
 const middle = (all) => (all[(all.length - 1) >> 1] + all[all.length >> 1]) / 2;
 const median = (count, value) => middle(sorted(count, value));
 
-// The axis along which trunks stand; of bodies that lie or bend Python tells it, by the legs too.
+// The axis along which trunks are upright. Python also finds it for bodies that lie or bend, by their legs.
 function vertical(poses, frames, width) {
   const roots = Array.from({ length: frames }, (_, i) => quaternion(poses.subarray(i * width, i * width + 3)));
   const trunks = roots.map((q) => times(times(q, [0, 1, 0, 0]), inverse(q)));
   const [y, z] = [1, 2].map((axis) => median(frames, (i) => trunks[i][axis]));
   if (z > 0 && Math.abs(y) <= ASLANT * z) return "z";
-  if (y > 0.7 && Math.abs(z) < 0.3) return "y"; // as Python has it of who sits
+  if (y > 0.7 && Math.abs(z) < 0.3) return "y"; // as Python does for sitting bodies
   return refuse("its bodies stand along neither y nor z; Python tells which is up: dsnet view --motion FILE");
 }
 
@@ -129,7 +129,7 @@ function repeated(poses, trans, frames, width, rate) {
 }
 
 // Between frames: Slerp joint by joint and translation linearly; of slower files than 60 fps cubic splines of quaternions and
-// translation, as at a corner the tissue would be hit. y up, axis-angles continuous in time.
+// translation, as corners would hit the tissue. y up, axis-angles continuous in time.
 function atSixty(poses, trans, frames, width, rate, count, up) {
   const theta = new Float64Array(count * 69), quats = [...Array(JOINTS)].map(() => [...Array(4)].map(() => new Float64Array(frames)));
   const moved = [0, 1, 2].map((k) => Float64Array.from({ length: frames }, (_, row) => trans[3 * row + k]));
@@ -147,10 +147,10 @@ function atSixty(poses, trans, frames, width, rate, count, up) {
   const curved = rate < FPS - 1e-3 && frames >= 4, bend = (parts) => parts.map((part) => [part, slopes(part)]);
   const turns = curved && quats.map(bend), path = curved && bend(moved);
   for (let f = 0; f < count; f++) {
-    const at = Math.min((f / FPS) * rate, frames - 1), one = Math.floor(at), two = Math.min(one + 1, frames - 1), share = at - one;
+    const at = Math.min((f / FPS) * rate, frames - 1), one = Math.floor(at), two = Math.min(one + 1, frames - 1), fraction = at - one;
     for (let j = 0; j < JOINTS; j++) {
-      let q = curved ? turns[j].map((part) => onSpline(part, one, two, share)) : turned(one, j);
-      if (!curved && share > 0) q = times(q, quaternion(rotvec(times(inverse(q), turned(two, j))).map((x) => x * share)));
+      let q = curved ? turns[j].map((part) => onSpline(part, one, two, fraction)) : turned(one, j);
+      if (!curved && fraction > 0) q = times(q, quaternion(rotvec(times(inverse(q), turned(two, j))).map((x) => x * fraction)));
       if (j === 0 && up === "z") q = times(UPRIGHT, q);
       const v = rotvec(q), angle = Math.hypot(...v);
       if (f && angle > 1e-9) {
@@ -160,13 +160,13 @@ function atSixty(poses, trans, frames, width, rate, count, up) {
       }
       theta.set(v, f * 69 + 3 * j);
     }
-    const [x, y, z] = curved ? path.map((part) => onSpline(part, one, two, share)) : moved.map((part) => part[one] * (1 - share) + part[two] * share);
+    const [x, y, z] = curved ? path.map((part) => onSpline(part, one, two, fraction)) : moved.map((part) => part[one] * (1 - fraction) + part[two] * fraction);
     theta.set(up === "z" ? [x, z, -y] : [x, y, z], f * 69 + 66);
   }
   return theta;
 }
 
-// Slopes, per frame, of the cubic spline through values of which no first or last knot is one ("not a knot").
+// Slopes, per frame, of the cubic spline through values, with "not-a-knot" ends.
 function slopes(y) {
   const n = y.length, right = new Float64Array(n), upper = new Float64Array(n);
   const rise = (i) => y[i + 1] - y[i], end = (near, next) => (5 * near + next) / 2;

@@ -1,4 +1,4 @@
-// A body's surface: skinning and normals, and bytes in and out of text.
+// A body's surface: skinning and normals; and decoding of base64.
 
 export function bytesOf(base64) {
   const binary = atob(base64), bytes = new Uint8Array(binary.length);
@@ -17,12 +17,12 @@ export class Body {
     this.each = this.weight.length / this.count;
   }
 
-  // rest and offsets (3, V), gains (V) or null, bones (12, N) to positions (V, 3), metres; where
-  // sizes (V) are wanted, those of the offsets.
+  // rest and offsets (3, V), gains (V) or null, bones (12, N) to positions (V, 3), metres; sizes (V),
+  // if given, get the lengths of the offsets.
   skin(rest, offsets, gains, bones, positions, sizes) {
-    const { count, each, boneOf, weight } = this, bonesThere = bones.length / 12;
-    const own = (this.own ??= new Float32Array(bones.length)); // a bone's numbers side by side
-    for (let r = 0; r < 12; r++) for (let j = 0; j < bonesThere; j++) own[j * 12 + r] = bones[r * bonesThere + j];
+    const { count, each, boneOf, weight } = this, boneCount = bones.length / 12;
+    const byBone = (this.own ??= new Float32Array(bones.length)); // the 12 numbers of a bone side by side
+    for (let r = 0; r < 12; r++) for (let j = 0; j < boneCount; j++) byBone[j * 12 + r] = bones[r * boneCount + j];
     for (let v = 0; v < count; v++) {
       let x = rest[v], y = rest[count + v], z = rest[2 * count + v];
       if (offsets) {
@@ -36,9 +36,9 @@ export class Body {
         const w = weight[k];
         if (w === 0) break; // weights are sorted
         const m = boneOf[k] * 12;
-        px += w * (own[m] * x + own[m + 3] * y + own[m + 6] * z + own[m + 9]);
-        py += w * (own[m + 1] * x + own[m + 4] * y + own[m + 7] * z + own[m + 10]);
-        pz += w * (own[m + 2] * x + own[m + 5] * y + own[m + 8] * z + own[m + 11]);
+        px += w * (byBone[m] * x + byBone[m + 3] * y + byBone[m + 6] * z + byBone[m + 9]);
+        py += w * (byBone[m + 1] * x + byBone[m + 4] * y + byBone[m + 7] * z + byBone[m + 10]);
+        pz += w * (byBone[m + 2] * x + byBone[m + 5] * y + byBone[m + 8] * z + byBone[m + 11]);
       }
       positions[3 * v] = px; positions[3 * v + 1] = py; positions[3 * v + 2] = pz;
     }
@@ -61,10 +61,10 @@ export class Body {
   }
 }
 
-// Distances (V) of two surfaces (V, 3).
-export function distances(one, other, found) {
-  for (let v = 0, i = 0; v < found.length; v++, i += 3) {
+// Distances (V) between two surfaces (V, 3), written to out.
+export function distances(one, other, out) {
+  for (let v = 0, i = 0; v < out.length; v++, i += 3) {
     const x = one[i] - other[i], y = one[i + 1] - other[i + 1], z = one[i + 2] - other[i + 2];
-    found[v] = Math.sqrt(x * x + y * y + z * z);
+    out[v] = Math.sqrt(x * x + y * y + z * z);
   }
 }

@@ -11,7 +11,7 @@ export class Curves {
     for (const [name, line] of this.lines) line.style.stroke = inkOf(name, names);
   }
 
-  // rows: of frames, as far as they are known; kind: "size" or "apart"; shown: whose curves. The highest value, metres.
+  // rows: of the surveyed frames; kind: "size" or "apart"; shown: names of curves. Gives the highest value, metres.
   draw(rows, count, kind, shown) {
     const curves = shown.map((name) => [name, rows.map((row) => row[name]?.[kind] ?? 0)]);
     const most = curves.flatMap(([, values]) => values).reduce((a, b) => Math.max(a, b), 1e-6);

@@ -1,4 +1,4 @@
-// The page: what is shown, when, and what the knobs say. The model runs in a worker.
+// The page: time, display and controls. The model runs in a worker.
 import { GENDERS, readAmass } from "./amass.js";
 import { Body, bytesOf, numbersOf } from "./body.js";
 import { Curves, inkOf } from "./curves.js";
@@ -6,11 +6,11 @@ import { COLOURS, Stage } from "./stage.js";
 
 const $ = (id) => document.getElementById(id);
 const make = (tag, more) => Object.assign(document.createElement(tag), more);
-const AHEAD = 6; // frames asked for before they are shown; more where drawing is slow
+const AHEAD = 6; // frames requested before they are shown; more if drawing is slow
 const SCALES_MM = [1, 1.5, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200];
 const say = (text) => { $("says").textContent = text; };
 
-// An asset lies in the page, or on its server; packed or not.
+// An asset is in the page or on its server, gzipped or not.
 async function asset(name) {
   const embedded = $(`asset:${name}`);
   const bytes = embedded ? bytesOf(embedded.textContent) : await fetched(name);
@@ -19,19 +19,19 @@ async function asset(name) {
 }
 
 async function fetched(name) {
-  const answer = await fetch(`assets/${name}`).catch(() => null);
-  if (!answer?.ok) throw new Error("the server does not answer: start `dsnet view` again");
-  if (answer.headers.get("content-type") === "application/json") throw new Error((await answer.json()).failed);
-  return new Uint8Array(await answer.arrayBuffer());
+  const response = await fetch(`assets/${name}`).catch(() => null);
+  if (!response?.ok) throw new Error("the server does not answer: start `dsnet view` again");
+  if (response.headers.get("content-type") === "application/json") throw new Error((await response.json()).failed);
+  return new Uint8Array(await response.arrayBuffer());
 }
 
 async function json(name) {
-  const found = JSON.parse(new TextDecoder().decode(await asset(name)));
-  if (found.failed) throw new Error(found.failed);
-  return found;
+  const value = JSON.parse(new TextDecoder().decode(await asset(name)));
+  if (value.failed) throw new Error(value.failed);
+  return value;
 }
 
-// What asks the worker; answers come in the order of questions.
+// A function that sends jobs to the worker; results come in the order of jobs.
 function startWorker() {
   const worker = new Worker(URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" }))), waiting = [];
   worker.onmessage = ({ data }) => {
@@ -46,15 +46,15 @@ function startWorker() {
 }
 
 let scene, body, stage, work, curves, partWeights, shapes = {};
-let motion, own, betas, gains, wanted = 0; // what is performed, and what was dropped
-let epoch = 0, rows = [], full = {}, low = 0; // what a survey found of it, in all of it
+let motion, dropped, betas, gains, request = 0; // the present motion, and the one of a dropped file
+let epoch = 0, rows = [], full = {}, low = 0; // results of the survey of the whole motion
 let frames = new Map(), time = 0, before = 0, playing = true, drawn = "", plotted = "", wipeAt = 0.5, root = [0, 0, 0];
 
-const everybody = () => Object.keys(scene.labels);
-const isOwn = () => betas.every((beta, i) => Math.abs(beta - motion.betas[i]) < 1e-6);
-// Who can be seen now: tracks are of one motion as it was recorded, of one shape.
-const isThere = (name) => motion.tracks.includes(name) ? scene.baked || isOwn() : !scene.baked && ["smpl", scene.graph.predictor].includes(name);
-const shownNames = () => everybody().filter((name) => $(`show-${name}`).checked && isThere(name));
+const allNames = () => Object.keys(scene.labels);
+const hasOriginalShape = () => betas.every((beta, i) => Math.abs(beta - motion.betas[i]) < 1e-6);
+// Whether a body can be shown now: tracks are of the recorded motion and shape alone.
+const canShow = (name) => motion.tracks.includes(name) ? scene.baked || hasOriginalShape() : !scene.baked && ["smpl", scene.graph.predictor].includes(name);
+const shownNames = () => allNames().filter((name) => $(`show-${name}`).checked && canShow(name));
 
 async function main() {
   scene = await json("scene");
@@ -64,31 +64,31 @@ async function main() {
   if (typeof WebAssembly !== "object") throw new Error("this browser runs no WebAssembly, which the model needs");
   partWeights = numbersOf(scene.part_weights, Float32Array);
   work = startWorker();
-  curves = new Curves($("plot"), everybody());
+  curves = new Curves($("plot"), allNames());
   controls();
   const [model, wasm] = await parts;
   work("open", { scene, model, wasm }, model ? [model, wasm] : []);
   work("gains", { gains });
   stage.warm(); // while the model opens
   await choose(0);
-  if (!scene.baked) json("shapes").then((found) => { shapes = found; if (motion) people(); }, (error) => say(error.message));
+  if (!scene.baked) json("shapes").then((value) => { shapes = value; if (motion) showShapes(); }, (error) => say(error.message));
   requestAnimationFrame(turn);
 }
 
-// Motions: those of the scene, and what was dropped.
+// Motions: those of the scene, and that of a dropped file.
 
 async function choose(number, looped = $("loop").checked && !scene.baked) {
-  const mine = ++wanted, isDropped = number === scene.motions.length, missing = [], tracks = {};
+  const thisRequest = ++request, isDropped = number === scene.motions.length, missing = [], tracks = {};
   try {
-    let why = looped && isDropped ? "a loop is closed by Python" : "", next = isDropped && own;
+    let why = looped && isDropped ? "a loop is closed by Python" : "", next = isDropped && dropped;
     if (looped && !isDropped) next = await json(`loop${number}`).catch((error) => { why = error.message; });
     next ||= await json(`motion${number}`);
     for (const name of isDropped || next.first ? [] : scene.motions[number].tracks)
       if (scene.baked || $(`show-${name}`).checked) {
         $("who").textContent = `computing ${scene.labels[name]} …`;
-        await asset(`track${number}_${name}`).then((found) => { tracks[name] = found; }, (error) => missing.push(error.message));
+        await asset(`track${number}_${name}`).then((bytes) => { tracks[name] = bytes; }, (error) => missing.push(error.message));
       }
-    if (mine !== wanted) return;
+    if (thisRequest !== request) return;
     if (missing.length && scene.baked) throw new Error(missing[0]);
     $("looped").textContent = why && "cannot be closed here";
     perform({ ...next, number, tracks: Object.keys(tracks) }, tracks, why);
@@ -99,14 +99,14 @@ async function choose(number, looped = $("loop").checked && !scene.baked) {
 
 function perform({ theta, ...next }, tracks, why) {
   const isOther = motion?.number !== next.number;
-  if (isOther || isOwn()) betas = [...next.betas];
+  if (isOther || hasOriginalShape()) betas = [...next.betas];
   motion = next;
   time = isOther ? 0 : Math.min(time, motion.count - 1);
   $("motion").value = motion.number;
   forget();
   work("perform", { motion, theta, tracks, betas, epoch }, Object.values(tracks));
   $("odd").textContent = [why, ...motion.says].filter(Boolean).join("; ");
-  people();
+  showShapes();
 }
 
 function forget() {
@@ -117,24 +117,24 @@ function forget() {
   drawn = plotted = "";
 }
 
-function person(next) { // another shape, from where she is
+function person(next) { // another shape, in the present frame
   betas = next;
   forget();
   work("person", { betas, epoch });
-  people();
+  showShapes();
 }
 
-async function take(file) {
+async function openFile(file) {
   try {
     if (scene.baked) throw new Error("this page holds no model, only what was baked into it: dsnet view --motion FILE");
     const read = readAmass(new Uint8Array(await file.arrayBuffer()), scene.most_frames);
     const isOther = read.gender !== scene.gender && [read.gender, scene.gender].every((one) => GENDERS.includes(one));
     if ((!read.embedded || isOther) && read.betas.some((beta) => beta !== 0)) {
-      const whose = read.embedded ? `a ${read.gender} body's, the body is ${scene.gender}` : "another body model's";
+      const origin = read.embedded ? `a ${read.gender} body's, the body is ${scene.gender}` : "another body model's";
       read.betas = read.betas.map(() => 0);
-      read.says.push(`Its betas are ${whose}: the mean shape is taken. By its markers: dsnet view --motion FILE.`);
+      read.says.push(`Its betas are ${origin}: the mean shape is taken. By its markers: dsnet view --motion FILE.`);
     }
-    own = { ...read, name: file.name };
+    dropped = { ...read, name: file.name };
     $("motion").options[scene.motions.length]?.remove();
     $("motion").add(new Option(`${file.name} (yours)`, scene.motions.length));
     motion = null;
@@ -142,32 +142,32 @@ async function take(file) {
   } catch (error) { say(`${file.name}: ${error.message}`); }
 }
 
-// Frames: asked for ahead, shown when they are there; in between, mixed.
+// Frames: requested ahead, shown when they have arrived, and interpolated between.
 
 function ask(index) {
-  const mine = frames;
+  const requested = frames;
   frames.set(index, null);
   work("frame", { index, epoch }).then(({ parts, exact }) => {
-    if (mine !== frames) return;
+    if (requested !== frames) return;
     if (parts) frames.set(index, { ...parts, exact });
-    else frames.delete(index); // it failed, and is asked for again
+    else frames.delete(index); // it failed, and is requested again
   });
 }
 
-function surveyed(found) {
-  if (found.epoch !== epoch) return;
-  rows.push(...found.rows);
-  ({ full, low } = found);
+function surveyed(result) {
+  if (result.epoch !== epoch) return;
+  rows.push(...result.rows);
+  ({ full, low } = result);
   plotted = "";
-  for (const [index, frame] of frames) if (frame?.exact === false && (found.done || index < rows.length)) { frames.delete(index); drawn = ""; }
+  for (const [index, frame] of frames) if (frame?.exact === false && (result.done || index < rows.length)) { frames.delete(index); drawn = ""; }
 }
 
 const mixed = {};
-function between({ exact, ...from }, to, share) {
-  if (share === 0 || !to) return from;
+function between({ exact, ...from }, to, fraction) {
+  if (fraction === 0 || !to) return from;
   return Object.fromEntries(Object.entries(from).map(([name, values]) => {
     const out = (mixed[name] ??= new Float32Array(values.length));
-    for (let i = 0; i < out.length; i++) out[i] = values[i] + share * (to[name][i] - values[i]);
+    for (let i = 0; i < out.length; i++) out[i] = values[i] + fraction * (to[name][i] - values[i]);
     return [name, out];
   }));
 }
@@ -198,20 +198,20 @@ function turn(now) {
   }
   for (const index of frames.keys()) if ((index - one + count) % count > Math.max(4 * AHEAD, ahead)) frames.delete(index);
   const a = frames.get(one), b = frames.get(then);
-  if (a && (b || next === one)) show(a, b, next, next - one); // else what is shown stays, and time waits
+  if (a && (b || next === one)) show(a, b, next, next - one); // otherwise the shown frame stays, and time waits
 }
 
-function show(a, b, next, share) {
+function show(a, b, next, fraction) {
   time = next;
-  const names = shownNames(), layout = $("layout").value, known = isThere("truth");
-  const colouring = $("colouring").value === "apart" && !known ? "none" : $("colouring").value;
+  const names = shownNames(), layout = $("layout").value, hasTruth = canShow("truth");
+  const colouring = $("colouring").value === "apart" && !hasTruth ? "none" : $("colouring").value;
   const key = [epoch, time, names, colouring].join();
   if (key !== drawn) {
     drawn = key;
-    const { rest, bones, root: there, ...offsets } = between(a, b, share);
+    const { rest, bones, root: position, ...offsets } = between(a, b, fraction);
     const truth = colouring === "apart" && !names.includes("truth") ? ["truth"] : [];
     for (const name of [...names, ...truth]) stage.pose(name, { rest, bones }, offsets[name], name === "truth" ? null : gains);
-    root = there;
+    root = position;
   }
   const scaleMm = SCALES_MM.find((mm) => mm >= 1000 * (full[colouring] ?? 0.02)) ?? 200;
   stage.colour(names, colouring, scaleMm / 1000);
@@ -231,7 +231,7 @@ function tags(layout, names) {
   $("bar").hidden = layout !== "wipe" || names.length < 2;
   $("bar").style.left = `${100 * wipeAt}%`;
   const { clientWidth: wide, clientHeight: high } = $("view");
-  for (const name of everybody()) {
+  for (const name of allNames()) {
     const tag = $(`tag-${name}`), i = names.indexOf(name);
     tag.hidden = i < 0 || (layout === "wipe" && i > 1);
     if (tag.hidden) continue;
@@ -256,22 +256,22 @@ function plot(names, kind) {
   $("end").textContent = `${((count - 1) / fps).toFixed(1)} s`;
 }
 
-// Knobs.
+// Controls.
 
-// A knob says what was asked for, be it between its steps, until a hand moves it.
-const tell = ({ id, nextElementSibling }, value) => { nextElementSibling.textContent = value.toFixed(id === "speed" ? 1 : 2); };
+// A slider shows the value that was set, even between its steps, until it is moved.
+const showValue = ({ id, nextElementSibling }, value) => { nextElementSibling.textContent = value.toFixed(id === "speed" ? 1 : 2); };
 
 function slider(parent, id, text, range, value, moved) {
   const row = make("label"), input = make("input", { id, type: "range", ...range });
   row.append(text, input, make("output"));
   $(parent).append(row);
-  turned(input, value, moved);
+  bindSlider(input, value, moved);
 }
 
-function turned(input, value, moved) {
+function bindSlider(input, value, moved) {
   input.value = value;
-  input.oninput = () => { tell(input, +input.value); moved(+input.value); };
-  tell(input, value);
+  input.oninput = () => { showValue(input, +input.value); moved(+input.value); };
+  showValue(input, value);
 }
 
 function dynamics() {
@@ -281,15 +281,15 @@ function dynamics() {
   drawn = "";
 }
 
-let later = 0;
+let timer = 0;
 function gained() {
   dynamics();
-  clearTimeout(later); // curves follow when the hand rests
-  later = setTimeout(() => { forget(); work("gains", { gains, epoch }); }, 250);
+  clearTimeout(timer); // curves follow when the slider rests
+  timer = setTimeout(() => { forget(); work("gains", { gains, epoch }); }, 250);
 }
 
-function people() {
-  betas.slice(0, 10).forEach((beta, i) => { $(`beta${i}`).value = beta; tell($(`beta${i}`), beta); });
+function showShapes() {
+  betas.slice(0, 10).forEach((beta, i) => { $(`beta${i}`).value = beta; showValue($(`beta${i}`), beta); });
   const options = { "who moved": motion.betas, ...shapes }, near = (a, b) => a.every((x, i) => Math.abs(x - b[i]) < 1e-4);
   const now = Object.keys(options).find((name) => near(options[name], betas)) ?? "as set";
   $("person").replaceChildren(...[...new Set([...Object.keys(options), now])].map((name) => new Option(name)));
@@ -300,28 +300,28 @@ function people() {
 const NOTICES = { synthetic: "Synthetic: body and flesh are simulated, not measured.", "synthetic flesh": "Synthetic flesh: simulated, not measured." };
 
 function controls() {
-  const { start, baked } = scene, names = everybody();
+  const { start, baked } = scene, names = allNames();
   $("scale").style.background = `linear-gradient(to top, ${COLOURS.map((c) => `rgb(${c})`)})`;
   $("notice").textContent = [NOTICES[scene.origin], baked].filter(Boolean).join(" ");
   scene.motions.forEach(({ name }, i) => $("motion").add(new Option(name, i)));
-  const known = scene.motions.some(({ tracks }) => tracks.includes("truth"));
+  const hasTruth = scene.motions.some(({ tracks }) => tracks.includes("truth"));
   for (const name of names) {
-    const row = make("label", { className: "check", hidden: name === "truth" && !known }), key = make("i", { className: "key" });
+    const row = make("label", { className: "check", hidden: name === "truth" && !hasTruth }), key = make("i", { className: "key" });
     const box = make("input", { id: `show-${name}`, type: "checkbox", checked: ["smpl", "truth", names[1]].includes(name) });
     key.style.background = inkOf(name, names);
     row.append(box, key, scene.labels[name]);
     $("shown").append(row);
-    box.onchange = () => { if (box.checked && !isThere(name)) choose(motion.number); };
+    box.onchange = () => { if (box.checked && !canShow(name)) choose(motion.number); };
     $("tags").append(make("span", { id: `tag-${name}`, className: "tag", hidden: true, textContent: scene.labels[name] }));
   }
-  if (!known) $("colouring").options[2].remove();
+  if (!hasTruth) $("colouring").options[2].remove();
   start.parts.forEach((gain, i) => slider("parts", `part${i}`, scene.parts[i].replace("_", " "), { min: 0, max: Math.max(5, gain), step: 0.05 }, gain,
                                           (value) => { start.parts[i] = value; gained(); }));
   for (let i = 0; i < 10; i++)
     slider("betas", `beta${i}`, `β${i + 1}`, { min: -5, max: 5, step: 0.01 }, 0, (value) => person(betas.with(i, value)));
   $("gain").max = Math.max(5, start.gain);
-  turned($("gain"), start.gain, (value) => { start.gain = value; gained(); });
-  turned($("speed"), 1, () => {});
+  bindSlider($("gain"), start.gain, (value) => { start.gain = value; gained(); });
+  bindSlider($("speed"), 1, () => {});
   dynamics();
   $("loop").checked = start.loop;
   for (const id of ["shape", "own", "loops"]) $(id).hidden = Boolean(baked);
@@ -334,8 +334,8 @@ function controls() {
   dragged($("curves"), ({ clientX }) => { const { left, width } = $("curves").getBoundingClientRect(); seek(((clientX - left) / width) * (motion.count - 1)); });
   dragged($("bar"), ({ clientX }) => { wipeAt = Math.min(Math.max(clientX / $("view").clientWidth, 0), 1); });
   document.ondragover = (event) => event.preventDefault();
-  document.ondrop = (event) => { event.preventDefault(); if (event.dataTransfer.files[0]) take(event.dataTransfer.files[0]); };
-  $("file").onchange = () => { if ($("file").files[0]) take($("file").files[0]); };
+  document.ondrop = (event) => { event.preventDefault(); if (event.dataTransfer.files[0]) openFile(event.dataTransfer.files[0]); };
+  $("file").onchange = () => { if ($("file").files[0]) openFile($("file").files[0]); };
 }
 
 function dragged(what, moved) {

@@ -1,21 +1,21 @@
-// One body in one motion: the graph rolled along it, and tracks of what was computed elsewhere.
+// One body in one motion: the graph run along it, and tracks that were computed by Python.
 import * as ort from "onnxruntime-web/wasm";
 import { numbersOf } from "./body.js";
 
-const EVERY = 30; // frames between remembered states, 66 kB each, in a motion of usual length
+const EVERY = 30; // frames between kept states, of 66 kB each, in a motion of usual length
 const MOST_STATES = 400;
-const FAR = 45; // frames that may be rolled before something is shown
-const PREROLL = 30; // by then tissue has forgotten most of how it began; the survey brings the rest
+const FAR = 45; // most frames that are run before a frame is shown
+const PREROLL = 30; // frames after which the initial state hardly matters; the survey later gives the exact frames
 const IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1];
 
-// What gives a frame of numbers (T, 3, V), which are whole steps behind the size of a step, as differences in time.
+// A function that gives a frame of a track: the size of a step, then (T, 3, V) whole steps as differences in time.
 function track(buffer, size) {
   const [step] = new Float32Array(buffer, 0, 1), steps = new Int16Array(buffer, 4);
   for (let i = size; i < steps.length; i++) steps[i] += steps[i - size];
   return (frame) => {
-    const from = Math.min(frame * size, steps.length - size), found = new Float32Array(size);
-    for (let i = 0; i < size; i++) found[i] = step * steps[from + i];
-    return found;
+    const from = Math.min(frame * size, steps.length - size), out = new Float32Array(size);
+    for (let i = 0; i < size; i++) out[i] = step * steps[from + i];
+    return out;
   };
 }
 
@@ -26,7 +26,7 @@ export function openGraph(model, wasmBinary) {
 }
 
 export class Performer {
-  // Without a session all of it is tracks.
+  // Without a session everything is a track.
   constructor(scene, session) { Object.assign(this, { scene, session, ...scene.graph }); }
 
   perform(motion, theta, tracks, betas) {
@@ -38,35 +38,35 @@ export class Performer {
     this.person(betas);
   }
 
-  // Another shape: all that was known of the last one is forgotten.
+  // Another shape: kept states are dropped.
   person(betas) {
     this.betas = Float32Array.from(betas);
     this.states = new Map();
     this.shift = rootShift(this.motion, betas, this.scene);
   }
 
-  // theta of a frame: the root begins at the origin of its piece, where float32 is finest.
+  // theta of a frame, with the translation relative to the first frame of its piece, where float32 is more precise.
   theta(frame, origin) {
-    const { poses } = this, found = Float32Array.from(poses.subarray(frame * 69, frame * 69 + 69));
-    for (let k = 66; k < 69; k++) found[k] = poses[frame * 69 + k] - poses[origin * 69 + k];
-    return found;
+    const { poses } = this, theta = Float32Array.from(poses.subarray(frame * 69, frame * 69 + 69));
+    for (let k = 66; k < 69; k++) theta[k] = poses[frame * 69 + k] - poses[origin * 69 + k];
+    return theta;
   }
 
   place(frame) {
     return this.shift.map((shift, k) => this.poses[frame * 69 + 66 + k] + shift);
   }
 
-  // What is shown at a frame: rest (3, V), bones (12, N), the root's place, and offsets (3, V) by predictor.
+  // Arrays of a frame: rest (3, V), bones (12, N), the root's position, and offsets (3, V) by predictor.
   assembled(frame, live) {
-    const root = Float32Array.from(this.place(frame)), given = Object.entries(this.tracks);
-    const tracks = Object.fromEntries(given.map(([name, at]) => [name, at(frame - this.motion.first)]));
+    const root = Float32Array.from(this.place(frame)), entries = Object.entries(this.tracks);
+    const tracks = Object.fromEntries(entries.map(([name, at]) => [name, at(frame - this.motion.first)]));
     if (live) return { rest: live.rest, bones: live.bones, root, [this.predictor]: live.offsets, ...tracks };
     const { smpl, ...others } = tracks;
     return { rest: smpl, bones: Float32Array.from([...IDENTITY, ...root]), root, ...others };
   }
 }
 
-// The graph at one place of a motion; several of them share what is remembered.
+// The graph at one frame of a motion; instances share the kept states.
 export class Roll {
   constructor(performer) { Object.assign(this, { performer, fed: 0, piece: -1, exact: true }); }
 
@@ -76,21 +76,21 @@ export class Roll {
     const { starts } = performer.motion, piece = starts.findLastIndex((start) => start <= index);
     const [start, end] = [starts[piece], starts[piece + 1] ?? performer.frames], last = index + performer.latency;
     this.begin(piece, start, end, last, index);
-    let found;
-    while (this.fed <= last) found = await this.feed(this.fed, start, end);
-    const { rest, offsets, bones } = found, place = performer.place(start), bonesThere = bones.length / 12;
-    for (let k = 0; k < 3; k++) for (let j = 0; j < bonesThere; j++) bones[(9 + k) * bonesThere + j] += place[k];
+    let outputs;
+    while (this.fed <= last) outputs = await this.feed(this.fed, start, end);
+    const { rest, offsets, bones } = outputs, place = performer.place(start), boneCount = bones.length / 12;
+    for (let k = 0; k < 3; k++) for (let j = 0; j < boneCount; j++) bones[(9 + k) * boneCount + j] += place[k];
     return performer.assembled(index, { rest, offsets, bones });
   }
 
-  // Goes on where it is, or from what is remembered, or from the piece's beginning, or, where all of
-  // that is far, from rest a second before.
+  // Continue from the present frame, a kept state or the start of the piece; if all of these are
+  // far, start at rest half a second before.
   begin(piece, start, end, last, index) {
-    const { performer } = this, known = [...performer.states.keys()].filter((at) => at > start && at <= Math.min(last, end - 1));
-    const from = Math.max(start, ...known);
-    const here = this.piece === piece && this.betas === performer.betas && this.fed <= last;
+    const { performer } = this, kept = [...performer.states.keys()].filter((at) => at > start && at <= Math.min(last, end - 1));
+    const from = Math.max(start, ...kept);
+    const continues = this.piece === piece && this.betas === performer.betas && this.fed <= last;
     const far = this.patient ? Infinity : FAR;
-    if (here && (this.exact || from <= this.began) && last - this.fed <= far && this.fed >= from - performer.every) return;
+    if (continues && (this.exact || from <= this.began) && last - this.fed <= far && this.fed >= from - performer.every) return;
     Object.assign(this, { piece, betas: performer.betas, fed: from, exact: true, state: performer.states.get(from) ?? this.rest() });
     if (last - from <= far) return;
     this.began = this.fed = index - PREROLL;
@@ -103,24 +103,24 @@ export class Roll {
     const { performer } = this, { states, every, moves, session } = performer;
     if (this.exact && frame % every === 0 && frame < end && frame > start) states.set(frame, this.state);
     let state = this.state;
-    if (frame >= end && moves) { // a piece ends by standing still, as in Python
+    if (frame >= end && moves) { // after the end of a piece the body stands still, as in Python
       state = state.slice();
       state.fill(0, ...moves);
     }
     const tensor = (values) => new ort.Tensor("float32", values, [1, values.length]);
-    const given = { theta: performer.theta(Math.min(frame, end - 1), start), betas: this.betas, state };
-    const out = await session.run(Object.fromEntries(Object.entries(given).map(([name, values]) => [name, tensor(values)])));
+    const inputs = { theta: performer.theta(Math.min(frame, end - 1), start), betas: this.betas, state };
+    const out = await session.run(Object.fromEntries(Object.entries(inputs).map(([name, values]) => [name, tensor(values)])));
     this.state = out.next_state.data;
     this.fed = frame + 1;
     return { rest: out.rest.data, offsets: out.offsets.data, bones: out.bones.data };
   }
 }
 
-// By what the root's place of another shape differs: how it goes with the root joint, a file says,
-// and it counts from the pelvis of the file's kind of body.
-function rootShift({ by_joint, unplaced, space, betas: own }, betas, { root_joint, root_joint_shapes, pelvis_m }) {
+// Change of the root's translation by another shape: the motion gives its derivative by the root
+// joint, and dropped files are relative to the pelvis of their kind of body.
+function rootShift({ by_joint, unplaced, space, betas: original }, betas, { root_joint, root_joint_shapes, pelvis_m }) {
   if (!root_joint) return [0, 0, 0];
   const joint = (shape) => root_joint.map((c, axis) => root_joint_shapes[axis].reduce((sum, s, i) => sum + s * (shape[i] ?? 0), c));
-  const from = unplaced ? [0, 0, 0] : joint(own), to = joint(betas), apart = root_joint.map((c, axis) => (pelvis_m[space]?.[axis] ?? c) - c);
+  const from = unplaced ? [0, 0, 0] : joint(original), to = joint(betas), apart = root_joint.map((c, axis) => (pelvis_m[space]?.[axis] ?? c) - c);
   return by_joint.map((row, axis) => row.reduce((sum, part, k) => sum + part * (to[k] - from[k] + apart[k]), apart[axis]));
 }

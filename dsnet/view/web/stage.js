@@ -1,4 +1,4 @@
-// three.js: bodies side by side, overlaid or under a wipe, in the colours of a number per vertex.
+// Drawing by three.js: bodies side by side, overlaid or under a wipe, coloured by a number per vertex.
 import {
   BufferAttribute, BufferGeometry, Color, DataTexture, DirectionalLight, DynamicDrawUsage, Fog,
   GridHelper, HemisphereLight, LinearFilter, Mesh, MeshStandardMaterial, PCFSoftShadowMap,
@@ -7,14 +7,14 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { distances } from "./body.js";
 
-// The report's colours of sizes, from none to the scale's end.
+// Colours of the report, from 0 to the end of the scale.
 export const COLOURS = [[252, 240, 178], [254, 196, 136], [253, 154, 106], [246, 110, 92], [224, 76, 103],
                         [188, 57, 120], [150, 44, 128], [114, 31, 129], [76, 17, 122], [37, 18, 85]];
 const CLAY = [219, 196, 178];
 const BACKGROUND = 0xf3f1ee;
 const APART_M = 1.35;
 
-// Colours in a row, which are looked up by one number and mixed between two of them.
+// A texture of colours in a row, which is looked up by one number and interpolated.
 const texture = (colours) => Object.assign(new DataTexture(new Uint8Array(colours.flatMap((colour) => [...colour, 255])), colours.length, 1), {
   colorSpace: SRGBColorSpace, magFilter: LinearFilter, minFilter: LinearFilter, needsUpdate: true });
 
@@ -53,7 +53,7 @@ export class Stage {
     Object.assign(key.shadow, { bias: -0.0004, normalBias: 0.012, radius: 4 });
     const ground = new Mesh(new PlaneGeometry(60, 60).rotateX(-Math.PI / 2), new ShadowMaterial({ opacity: 0.2 }));
     ground.receiveShadow = true;
-    ground.position.y = -0.002; // soles are not cut by it
+    ground.position.y = -0.002; // below the soles
     this.grid = new GridHelper(40, 80, 0xd8d3cb, 0xe3dfd8);
     this.grid.position.y = -0.003;
     this.scene.add(new HemisphereLight(0xffffff, 0xb8aea2, 1.25), key, rim, ground, this.grid);
@@ -72,13 +72,13 @@ export class Stage {
     return (this.bodies[name] = mesh);
   }
 
-  // The first drawing makes the programs, which is most of its time.
+  // Draw once, as the first drawing compiles the shaders, which takes most of its time.
   warm() {
     this.figure("smpl");
     this.draw("side", 0, ["smpl"], [0, 0, 0]);
   }
 
-  // Pose one body: what is drawn next is this frame's in all of its numbers, so that nothing tears.
+  // Pose one body. All of its attributes are of the same frame, so that it does not tear.
   pose(name, frame, offsets, gains) {
     const { position, normal, uv } = this.figure(name).geometry.attributes;
     this.body.skin(frame.rest, offsets, gains, frame.bones, position.array, uv.array);
@@ -97,7 +97,7 @@ export class Stage {
     }
   }
 
-  // Room for all bodies, also on a phone held upright.
+  // Move the camera so that all bodies are in view, also on an upright phone.
   fit(bodies) {
     const { clientWidth: width, clientHeight: height } = this.canvas, ratio = Math.min(devicePixelRatio, 2);
     const fitted = [bodies, width, height, ratio].join();
@@ -113,7 +113,7 @@ export class Stage {
     this.controls.update();
   }
 
-  // layout: "side", "overlay" or "wipe"; at: where the wipe is, 0 to 1; root: what stays in place.
+  // layout: "side", "overlay" or "wipe"; at: position of the wipe, 0 to 1; root: position that stays in place.
   draw(layout, at, shown, root) {
     const side = layout === "side";
     this.fit(side ? shown.length : 1);
@@ -133,7 +133,7 @@ export class Stage {
     }
   }
 
-  // Where a label belongs above a body whose root is there, pixels.
+  // Position of the label above a body whose root is at `root`, pixels.
   above(name, root) {
     const { geometry, position } = this.bodies[name], { array } = geometry.attributes.position;
     let top = -Infinity;

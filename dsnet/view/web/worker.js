@@ -1,11 +1,11 @@
-// Runs the model beside the page: a slow step never holds up drawing or the knobs. Between what is
-// asked for it goes through the whole motion once, for the curves and the scale of colours.
+// Runs the model in a worker, so that slow steps block neither drawing nor controls. Between jobs it
+// goes through the whole motion once, for the curves and the scale of colours.
 import { Body, distances } from "./body.js";
 import { openGraph, Performer, Roll } from "./performer.js";
 
 const TRUTH = "truth";
 const MOST_SURVEYED = 7200;
-const BINS = 800, BIN_M = 0.00025, KEPT = 0.998; // a scale ends where so many vertices are below it
+const BINS = 800, BIN_M = 0.00025, KEPT = 0.998; // the quantile of vertices at which the scale of colours ends
 let performer, roll, survey = null, body, epoch = 0, gains = null;
 
 const jobs = {
@@ -26,8 +26,8 @@ const jobs = {
     gains = job.gains;
     if (performer?.motion) survey = new Survey();
   },
-  async frame({ index, epoch: asked }) {
-    if (asked !== epoch) return {};
+  async frame({ index, epoch: requested }) {
+    if (requested !== epoch) return {};
     const parts = await roll.frame(performer.motion.first + index);
     return { parts, exact: roll.exact };
   },
@@ -59,12 +59,12 @@ class Survey {
     this.found.push(row);
     this.at++;
     if (this.found.length < 30 && this.at < this.count) return;
-    const low = this.lows.toSorted((a, b) => a - b)[Math.floor(0.01 * (this.lows.length - 1))]; // where a floor would be
+    const low = this.lows.toSorted((a, b) => a - b)[Math.floor(0.01 * (this.lows.length - 1))]; // height of the floor
     self.postMessage({ job: "survey", epoch: this.epoch, rows: this.found, full: this.full(), low, done: this.at === this.count });
     this.found = [];
   }
 
-  // The mean of some metres, which are counted.
+  // The mean of some lengths, which are added to the histogram.
   counted(kind, metres) {
     const bins = (this.bins[kind] ??= new Float64Array(BINS));
     let sum = 0;
@@ -81,8 +81,8 @@ class Survey {
   }
 }
 
-// With one thread a step ends in microtasks alone, so messages would wait for the whole queue: each
-// job begins in a task of its own.
+// With one thread a step ends in microtasks alone, so messages would wait for the whole queue. So
+// each job starts in a separate task.
 const pause = new MessageChannel(), queue = [];
 let busy = false;
 const next = () => pause.port2.postMessage(0);
@@ -102,11 +102,11 @@ async function work() {
   if (busy) next();
 }
 
-// onnxruntime's own threads may run this very file: leave them alone.
+// onnxruntime's threads may run this same file, which must then do nothing.
 if (!self.name.startsWith("em-pthread")) {
   pause.port1.onmessage = work;
   self.onmessage = ({ data }) => {
-    epoch = Math.max(epoch, data.epoch ?? 0); // known on arrival: older shapes are not computed
+    epoch = Math.max(epoch, data.epoch ?? 0); // on arrival, so that frames of older shapes are not computed
     queue.push(data);
     if (!busy) { busy = true; next(); }
   };

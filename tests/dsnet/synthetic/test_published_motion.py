@@ -11,7 +11,7 @@ from bridge.body.parts import PARTS, part_weights
 from bridge.body.posing import shaped_vertices
 from dsnet.synthetic.simulation import TissueSimulator
 from dsnet.synthetic.subjects import SUBJECTS
-from dsnet.synthetic.tissue_parameters import FLESH, PRELOAD
+from dsnet.synthetic.tissue_parameters import PRELOAD, SOFT_TISSUE
 from tests.dsnet.synthetic.test_soft_tissue import displaced, tissue, vibrate
 from tests.pages import ROOT
 
@@ -105,7 +105,7 @@ def test_the_busts_swing_quickens_as_it_fades():
 
     The law rises as far as the frequency at rest alone: the last are not met.
     """
-    chest = FLESH["chest"]
+    chest = SOFT_TISSUE["chest"]
     body = tissue(chest.frequency_hz, chest.damping_ratio, preload=PRELOAD)
     x, _ = vibrate(body, displaced(body, [0, 0.06, 0]), 360)
     crossings = np.flatnonzero(np.diff(np.sign(x)))

@@ -141,7 +141,7 @@ def test_a_real_motion_is_used_up_to_its_first_jump_with_a_line(tmp_path, capsys
     save(tmp_path / "joined.npz", smplh(361, 120.0), trans=trans)
     takes = stage.plan_of(replace(TINY, amass=tmp_path)).held_out
     assert [take.frame_count for take in takes] == [180, 180]
-    assert "joined.npz: used up to 1.50 s, where it jumps" in capsys.readouterr().err
+    assert "joined.npz: used up to 1.50 s, as it jumps there" in capsys.readouterr().err
 
 
 def test_a_changed_file_makes_the_truth_anew(made, tmp_path, monkeypatch):

@@ -16,11 +16,11 @@ from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
 from dsnet.synthetic.subjects import SUBJECTS, UNSEEN
 from dsnet.synthetic.tissue_parameters import (
     FIRMEST_HZ,
-    FLESH,
-    MENS_FLESH,
+    MENS_SOFT_TISSUE,
     PRELOAD,
+    SOFT_TISSUE,
     WAVE_SPEED_M_S,
-    flesh_depth_m,
+    tissue_depth_m,
     tissue_parameters,
 )
 from tests.sources import ROOT
@@ -62,7 +62,7 @@ def test_womens_busts_swing_as_measured_and_big_ones_slower():
     found = {}
     for name, betas in WOMEN.items():
         body, vertices, _ = person("female", betas)
-        depth_m = flesh_depth_m(body, vertices)[of_part(body, "chest") > 0.5].max()
+        depth_m = tissue_depth_m(body, vertices)[of_part(body, "chest") > 0.5].max()
         found[name] = depth_m, softest_chest_hz("female", betas)
     depth_m, hz = np.array(list(found.values())).T
     full = depth_m > 0.045
@@ -118,10 +118,10 @@ def test_skull_breastbone_shins_hands_and_feet_are_bone(gender, kind):
 def test_flesh_of_one_part_hangs_by_the_same_share_of_its_depth():
     body, vertices, parameters = person("female", WOMEN["50004"])
     inside = (of_part(body, "thighs") > 0.999) & (parameters.frequency_hz < 0.99 * FIRMEST_HZ)
-    depth_m = flesh_depth_m(body, vertices)[inside]
+    depth_m = tissue_depth_m(body, vertices)[inside]
     assert np.ptp(depth_m) > 0.03
     constant = parameters.frequency_hz[inside] ** 2 * depth_m
-    expected = FLESH["thighs"].frequency_hz ** 2 * FLESH["thighs"].depth_m
+    expected = SOFT_TISSUE["thighs"].frequency_hz ** 2 * SOFT_TISSUE["thighs"].depth_m
     np.testing.assert_allclose(constant, expected, rtol=1e-3)
 
 
@@ -138,8 +138,8 @@ def test_left_and_right_are_alike_where_the_body_is():
 
 def test_the_page_shows_the_table():
     page = (ROOT / "docs" / "data.md").read_text(encoding="utf-8")
-    rows = {name.replace("_", " "): flesh for name, flesh in FLESH.items()}
-    rows |= {f"{name}, men": flesh for name, flesh in MENS_FLESH.items()}
+    rows = {name.replace("_", " "): flesh for name, flesh in SOFT_TISSUE.items()}
+    rows |= {f"{name}, men": flesh for name, flesh in MENS_SOFT_TISSUE.items()}
     for name, (hz, depth_m, damping, source) in rows.items():
         assert f"| {name} | {hz:g} | {1e3 * depth_m:g} | {damping:g} | {source} |" in page
     words = " ".join(page.split())

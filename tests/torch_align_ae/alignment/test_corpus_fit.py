@@ -98,14 +98,14 @@ def test_what_nobodys_meshes_are_is_told(writer):
     theta[:, 67] = hop_m
     files.theta.write(0, theta)
     files.frame_error.write(0, np.full(40, 0.02))
-    assert list(files.oddities(odd, meshes, 0.03)) == []
+    assert list(files.warnings(odd, meshes, 0.03)) == []
     theta[:, 67] = 4 * hop_m
     theta[:, 0] = np.pi
     files.theta.write(0, theta)
     files.frame_error.write(0, np.full(40, 0.04))
     meshes.at[20:23] = 19
-    fall, again, down, apart = files.oddities(odd, meshes, 0.03)
+    fall, again, down, apart = files.warnings(odd, meshes, 0.03)
     assert fall.startswith("s_1_jump falls with 3.8 times gravity at 60 frames a second")
     assert "repeats 3 of its 40 meshes while the body moves, first number 20" in again
-    assert "hangs head down" in down
+    assert "is head down" in down
     assert apart.startswith("s_1_jump stays 4 cm from SMPL")

@@ -14,7 +14,7 @@ def angles(found, pose):
 
 def test_poses_of_exact_meshes_are_found(sample, smpl, betas, lively):
     pose, trans = lively(6)
-    target = sample.take(smpl(betas.expand(6, -1), pose, trans))
+    target = sample.select(smpl(betas.expand(6, -1), pose, trans))
     shaped = sample.shaped(betas)
     start = initial_pose(shaped, target)
     found = fit_poses(shaped, target, torch.ones(len(sample)), start, 6)
@@ -25,7 +25,7 @@ def test_poses_of_exact_meshes_are_found(sample, smpl, betas, lively):
 
 def test_closed_form_is_near(sample, smpl, betas, lively):
     pose, trans = lively(4)
-    target = sample.take(smpl(betas.expand(4, -1), pose, trans))
+    target = sample.select(smpl(betas.expand(4, -1), pose, trans))
     start = initial_pose(sample.shaped(betas), target)
     # Weights that fade softly at joints leave few vertices that follow one bone.
     assert angles(start.rotations, pose).median() < 0.12
@@ -34,7 +34,7 @@ def test_closed_form_is_near(sample, smpl, betas, lively):
 
 def test_a_batch_is_its_singles(sample, smpl, betas, lively):
     pose, trans = lively(3)
-    target = sample.take(smpl(betas.expand(3, -1), pose, trans)) + 0.001
+    target = sample.select(smpl(betas.expand(3, -1), pose, trans)) + 0.001
     shaped, weights = sample.shaped(betas), torch.linspace(0.1, 1, len(sample))
     start = initial_pose(shaped, target)
     batch = fit_poses(shaped, target, weights, start, 3)
@@ -46,7 +46,7 @@ def test_a_batch_is_its_singles(sample, smpl, betas, lively):
 
 def test_vertices_without_weight_are_not_looked_at(sample, smpl, betas, lively):
     pose, trans = lively(2)
-    exact = sample.take(smpl(betas.expand(2, -1), pose, trans))
+    exact = sample.select(smpl(betas.expand(2, -1), pose, trans))
     weights = torch.ones(len(sample))
     weights[::3] = 1e-12
     spoilt = exact.clone()
@@ -67,7 +67,7 @@ def test_what_nothing_determines_stays_finite():
 
 def test_shape_is_found_from_one_frame_and_from_several(sample, smpl, betas, lively):
     pose, trans = lively(3, seed=1)
-    target = sample.take(smpl(betas.expand(3, -1), pose, trans))
+    target = sample.select(smpl(betas.expand(3, -1), pose, trans))
     for frames in (target[:1], target):
         torch.testing.assert_close(fit_shape(sample, frames, 10), betas, rtol=0, atol=2e-4)
 
@@ -76,7 +76,7 @@ def test_several_frames_average_what_deforms_each(sample, smpl, betas, lively):
     pose, trans = lively(6, seed=2)
     meshes = smpl(betas.expand(6, -1), pose, trans)
     noise = 0.004 * torch.randn(meshes.shape, generator=torch.Generator().manual_seed(0))
-    target = sample.take(meshes + noise)
+    target = sample.select(meshes + noise)
     one, many = (fit_shape(sample, frames, 10) for frames in (target[:1], target))
     assert (many - betas).norm() < (one - betas).norm()
 

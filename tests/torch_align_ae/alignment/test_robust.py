@@ -20,7 +20,7 @@ from dsnet.synthetic.simulation import TissueSimulator, posed_meshes
 from dsnet.synthetic.subjects import SUBJECTS
 from torch_align_ae.alignment import tissue
 from torch_align_ae.alignment.gauss_newton import fit_shape
-from torch_align_ae.alignment.robust import RobustFit, RobustSettings, spread_clips
+from torch_align_ae.alignment.robust import RobustFit, RobustSettings, evenly_spaced_clips
 from torch_align_ae.alignment.skin_sample import SkinSample
 from torch_align_ae.alignment.stage_align import AlignConfig, main
 from torch_align_ae.alignment.tissue import Loads, Tissue
@@ -80,7 +80,7 @@ def test_shape_is_corrected_for_what_hangs(smpl, jump, aligned):
     meshes, *_, true_betas = jump
     found, _ = aligned
     sample = SkinSample(smpl, SETTINGS.vertices)
-    of_frame_1 = fit_shape(sample, sample.take(torch.from_numpy(meshes[:1])), 8).numpy()
+    of_frame_1 = fit_shape(sample, sample.select(torch.from_numpy(meshes[:1])), 8).numpy()
     # Her tissue hangs in every frame, and the law does not know everything about how.
     np.testing.assert_allclose(found[0], true_betas, atol=0.03)
     assert np.abs(found - true_betas).max() < np.abs(of_frame_1 - true_betas).max() / 4
@@ -179,8 +179,8 @@ def test_registrations_keep_a_landings_accelerations(smpl, jump, monkeypatch):
     found = kept()
     # 0.97 while flesh moved half as far: here the aligner has lost something.
     assert 0.7 < found < 1.05
-    unknown = Tissue.unknown
-    monkeypatch.setattr(Tissue, "unknown", lambda terms, weights, _: unknown(terms, weights, 0.0))
+    rigid = Tissue.rigid
+    monkeypatch.setattr(Tissue, "rigid", lambda terms, weights, _: rigid(terms, weights, 0.0))
     assert kept() < found
 
 
@@ -189,14 +189,14 @@ def sequence(length: int) -> MotionSequence:
 
 
 def test_clips_are_spread_over_all_recordings():
-    clips = list(spread_clips([sequence(length) for length in (100, 3, 60, 40)], 96))
+    clips = list(evenly_spaced_clips([sequence(length) for length in (100, 3, 60, 40)], 96))
     assert sum(stop - start for _, start, stop in clips) <= 96
     assert all(0 <= start < stop <= own.length for own, start, stop in clips)
     assert {own.length for own, *_ in clips} >= {100, 60, 40}
 
 
 def test_a_lone_frame_is_a_clip():
-    assert [(start, stop) for _, start, stop in spread_clips([sequence(1)], 96)] == [(0, 1)]
+    assert [(start, stop) for _, start, stop in evenly_spaced_clips([sequence(1)], 96)] == [(0, 1)]
 
 
 FEW = RobustSettings(vertices=300, steps=3, calibration_frames=16, calibration_rounds=3)

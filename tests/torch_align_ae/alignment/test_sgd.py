@@ -7,8 +7,8 @@ import torch
 from torch_align_ae.alignment import sgd
 from torch_align_ae.alignment.mesh_distance import MeshDistance
 from torch_align_ae.alignment.sgd import (
-    Descending,
     Descent,
+    MomentumDescent,
     batches,
     fit_pose,
     fit_shape_and_pose,
@@ -73,7 +73,7 @@ def test_steps_are_torchs_to_the_last_bit():
     start = torch.randn(2, 3, 3, generator=generator), torch.randn(2, 4, generator=generator)
     variables = [variable.clone() for variable in start]
     optimizer = torch.optim.SGD(variables, lr=1e-4, momentum=0.9)
-    descending = Descending(Descent(), *start)
+    descending = MomentumDescent(Descent(), *start)
     for _ in range(7):
         gradients = [torch.randn(variable.shape, generator=generator) for variable in variables]
         for variable, gradient in zip(variables, gradients, strict=True):
@@ -85,7 +85,7 @@ def test_steps_are_torchs_to_the_last_bit():
 
 
 def test_each_body_keeps_its_closest_iterate():
-    descending = Descending(Descent(lr=1.0, momentum=0.0), torch.zeros(2, 1))
+    descending = MomentumDescent(Descent(lr=1.0, momentum=0.0), torch.zeros(2, 1))
     for distance in ([3.0, 1.0], [2.0, 5.0], [4.0, torch.nan]):
         descending.step(torch.tensor(distance), -torch.ones(2, 1))
     assert descending.variables[0].tolist() == [[3.0], [3.0]]

@@ -38,7 +38,7 @@ def linearised(sample64, betas, lively, as_pose):
 def test_positions_are_the_body_models(linearised, sample64, smpl64, betas, lively):
     pose, trans = lively(2, dtype=DOUBLE)
     posed = smpl64(betas.double().expand(2, -1), pose, trans)
-    torch.testing.assert_close(linearised[0], sample64.take(posed), rtol=0, atol=1e-12)
+    torch.testing.assert_close(linearised[0], sample64.select(posed), rtol=0, atol=1e-12)
 
 
 def test_jacobian_is_the_derivative(linearised, sample64, smpl64, betas, lively):

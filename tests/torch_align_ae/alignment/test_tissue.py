@@ -190,7 +190,7 @@ def draws(count: int, seed: int = 0) -> torch.Tensor:
 
 
 def converged(displacement, *terms, rounds=30):
-    learned = Tissue.unknown(len(terms), torch.zeros(5))
+    learned = Tissue.rigid(len(terms), torch.zeros(5))
     for _ in range(rounds):
         learned = Evidence.of(displacement, torch.stack(terms)).revise(learned)
     return learned
@@ -230,7 +230,7 @@ def test_no_term_pulls_the_wrong_way():
 
 def test_without_terms_only_the_weights_are_learned():
     displacement = 0.003 * draws(50)
-    learned = Tissue.unknown(0, torch.zeros(5))
+    learned = Tissue.rigid(0, torch.zeros(5))
     none = torch.zeros(0, *displacement.shape)
     learned = Evidence.of(displacement, none).revise(learned)
     expected = displacement.square().sum(1).mean(0).sqrt()
@@ -278,9 +278,9 @@ def test_noise_is_not_taken_for_softness():
     noise, other = draws(4000), draws(4000, seed=1)
     terms = (other - noise)[None]
     believed = Evidence.of(noise, terms)
-    assert believed.revise(Tissue.unknown(1, torch.zeros(5))).compliance_s2.min() > 0.3
+    assert believed.revise(Tissue.rigid(1, torch.zeros(5))).compliance_s2.min() > 0.3
     in_common = torch.full((1, 5), 3.0 * 4000)
-    sober = Evidence.of(noise, terms, in_common).revise(Tissue.unknown(1, torch.zeros(5)))
+    sober = Evidence.of(noise, terms, in_common).revise(Tissue.rigid(1, torch.zeros(5)))
     assert sober.compliance_s2.max() < 0.05
 
 
@@ -289,7 +289,7 @@ def test_what_all_vertices_deviate_by_tells_nothing_where_there_is_noise():
     displacement = common_m * draws(20_000) + soft * draws(20_000, seed=1)
     none = torch.zeros(0, *displacement.shape)
     believed = Evidence.of(displacement, none)
-    exact, noisy = (believed.revise(Tissue.unknown(0, torch.zeros(5), n)) for n in (0.0, 3e-4))
+    exact, noisy = (believed.revise(Tissue.rigid(0, torch.zeros(5), n)) for n in (0.0, 3e-4))
     expected = np.sqrt(3) * torch.sqrt(soft.square() + common_m**2)
     torch.testing.assert_close(exact.deviation_m, expected, rtol=0.02, atol=0)
     torch.testing.assert_close(noisy.deviation_m, np.sqrt(3) * soft, rtol=0.02, atol=2e-4)

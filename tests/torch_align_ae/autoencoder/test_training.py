@@ -256,11 +256,11 @@ def test_the_first_validation_loss_is_computed_reproducibly(tmp_path, monkeypatc
 
 def test_learning_rate_warms_up_and_decays():
     plan = TrainingPlan(steps=100, warmup_steps=10, cosine_decay=True)
-    rates = [plan.share_at(step) for step in range(100)]
+    rates = [plan.rate_factor(step) for step in range(100)]
     np.testing.assert_allclose(rates[:11], [*np.arange(1, 11) / 10, 1.0])
     assert all(later <= earlier for earlier, later in pairwise(rates[10:]))
     assert rates[-1] < 1e-3
-    assert TrainingPlan(steps=5).share_at(4) == 1
+    assert TrainingPlan(steps=5).rate_factor(4) == 1
 
 
 def test_learning_rate_can_follow_the_initial_error(tmp_path):
