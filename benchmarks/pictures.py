@@ -34,7 +34,7 @@ import os, statistics, time
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 from bridge.body import load_body_model
-from dsnet.report.render import frame_camera, render_bodies
+from dsnet.pictures.render import frame_camera, render_bodies
 body = load_body_model("embedded:female")
 camera = frame_camera([body.v_template], height_px=700, width_px=500)
 def draw():

@@ -21,8 +21,8 @@ from benchmarks.processes import run_as_process
 from bridge.body import BodyModelData, load_body_model
 from bridge.paper import FPS
 from bridge.runs.files import write_text_atomically
-from dsnet.report.panels import draw_panels, magnitude_colours, scale_top_m
-from dsnet.report.render import frame_camera, render_bodies
+from dsnet.pictures.panels import draw_panels, magnitude_colours, scale_top_m
+from dsnet.pictures.render import frame_camera, render_bodies
 from dsnet.synthetic.motions import Skeleton, perform
 from dsnet.synthetic.simulation import TissueSimulator, posed_meshes
 from dsnet.synthetic.subjects import SUBJECTS, Subject

@@ -30,8 +30,8 @@ ALLOWED = {
 ORDER = {
     "bridge": ("", "runs", "body", "motion", "meshes", "exchange", "tissue", "__init__.py"),
     "dsnet": (
-        "onnx", "synthetic", "evaluation", "report", "markers", "prediction", "stream", "fitting",
-        "exporters", "view", "verify", "stages", "__init__.py", "command_line.py", "cli.py",
+        "pictures", "onnx", "synthetic", "evaluation", "markers", "prediction", "stream", "fitting",
+        "exporters", "view", "verify", "report", "stages", "__init__.py", "command_line.py", "cli.py",
     ),
 }  # fmt: skip
 THIRD_PARTIES = {
@@ -52,7 +52,8 @@ THIRD_PARTIES = {
         "onnx": {"numpy", "onnx", "onnxruntime"},
         "synthetic": {"h5py", "numpy", "scipy", "tyro"},
         "evaluation": {"numpy", "scipy"},
-        "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy", "tyro"},
+        "pictures": {"embreex", "jinja2", "matplotlib", "numpy", "scipy"},
+        "report": {"markdown_it", "matplotlib", "numpy", "tyro"},
         "markers": {"matplotlib", "numpy", "scipy"},
         "prediction": {"numpy", "onnx", "scipy", "trimesh"},
         "stream": {"numpy"},

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dsnet.report.panels import FOOTERS
+from dsnet.pictures.panels import FOOTERS
 from tests.pages import PAGES, ROOT, commands_on, flags_of
 from tools.speed_page import speed_page
 from tools.update_readme import README, SPEED, load_bench, load_results, with_results

@@ -82,16 +82,28 @@ def _reached(graph: Mapping[str, set[str]], source: str) -> set[str]:
 
 
 def rows(graph: Mapping[str, set[str]]) -> list[list[str]]:
-    """Folders by the longest way down from each, so that every arrow points downwards."""
-    depth: dict[str, int] = {}
+    """Folders from the bottom row to the top one, each above what it imports.
+
+    As low or as high as it can be, whichever makes the arrows shorter.
+    """
+    nearest, low, high = without_detours(graph), dict[str, int](), dict[str, int]()
     for folder in graph:  # each after what it imports
-        depth[folder] = 1 + max((depth[target] for target in graph[folder]), default=-1)
+        low[folder] = max((1 + low[target] for target in graph[folder]), default=0)
+    for folder in reversed(graph):
+        importers = [source for source in graph if folder in graph[source]]
+        high[folder] = min((high[source] - 1 for source in importers), default=max(low.values()))
+
+    def length(row_of: Mapping[str, int]) -> int:
+        return sum(
+            row_of[source] - row_of[target] for source in graph for target in nearest[source]
+        )
+
+    row_of = min(low, high, key=length)
     ordered: list[list[str]] = []
     place: dict[str, float] = {}
-    for row in range(1 + max(depth.values())):
-        level = [folder for folder in graph if depth[folder] == row]
-        nearest = without_detours(graph)
-        # Above what they import, so that arrows do not cross.
+    for row in range(1 + max(row_of.values())):
+        level = [folder for folder in graph if row_of[folder] == row]
+        # Above what they import, so that few arrows cross.
         level.sort(key=lambda f: sum(place[t] for t in nearest[f]) / max(len(nearest[f]), 1))
         place |= {folder: (n + 0.5) / len(level) for n, folder in enumerate(level)}
         ordered.append(level)

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from dsnet.pictures.panels import draw_panels, magnitude_colours
+from dsnet.pictures.render import frame_camera, render_bodies
 from dsnet.prediction.controls import Controls, controlled_body
-from dsnet.report.bodies import frame_camera, render_bodies
-from dsnet.report.panels import draw_panels, magnitude_colours
 
 OUT = Path("docs/images/other_body.png")
 FRAMES = (30, 68, 102, 150, 205)

@@ -22,7 +22,7 @@ from matplotlib.colors import ListedColormap
 
 from bridge.runs import Run
 from bridge.runs.artifact import DataOrigin
-from dsnet.report.panels import new_figure, save_figure
+from dsnet.pictures.panels import new_figure, save_figure
 from dsnet.report.results import read_parity
 
 ROOT = Path(__file__).parents[1]

@@ -12,14 +12,14 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from bridge.runs.artifact import DataOrigin
-from dsnet.report.panels import (
+from dsnet.pictures.panels import (
     draw_panels,
     magnitude_colours,
     new_figure,
     save_figure,
     scale_top_m,
 )
-from dsnet.report.render import frame_camera, render_bodies
+from dsnet.pictures.render import frame_camera, render_bodies
 
 _LEAST_SHARE_DRAWN = 0.02
 # Clear of curves and bars, wherever they end.

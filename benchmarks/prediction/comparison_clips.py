@@ -13,9 +13,9 @@ from bridge.motion import sequences_of
 from bridge.runs import Run
 from bridge.runs.run import body_model_path
 from dsnet.evaluation.pipelines import stages_of_pipelines
+from dsnet.pictures.panels import draw_panels, magnitude_colours, scale_top_m
+from dsnet.pictures.render import frame_camera, render_bodies
 from dsnet.report.bodies import Scene
-from dsnet.report.panels import draw_panels, magnitude_colours, scale_top_m
-from dsnet.report.render import frame_camera, render_bodies
 
 SHOWN = ("dsnet_plus", "softsmpl_like", "dyna_like", "casas_otaduy_like", "dsnet_faithful")
 """Systems that get a row if the run has them; more would not be seen."""

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from benchmarks.prediction.comparison_page import BEST, NOTHING, systems_of
 from bridge.motion.splits import CELLS
 from bridge.paper import FPS
-from dsnet.report.panels import new_figure, save_figure
+from dsnet.pictures.panels import new_figure, save_figure
 
 Scores = Sequence[Mapping[str, Any]]
 _LEAST, _MOST = 0.05, 20.0

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.subspaces.results import SUMMARY, read_summary
+from dsnet.pictures.panels import new_figure, save_figure
 from dsnet.report.curves import finish_axes
-from dsnet.report.panels import new_figure, save_figure
 
 # Okabe and Ito's colours, told apart by every reader; line styles do it in print.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#777777")

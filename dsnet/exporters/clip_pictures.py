@@ -24,9 +24,9 @@ from bridge.body.posing import Smpl
 from bridge.motion import unpack_theta
 from bridge.runs.artifact import DataShown
 from bridge.runs.workers import progress, worker_pool
+from dsnet.pictures.panels import MAGNITUDE_COLOURS, footer, magnitude_colours, scale_top_m
+from dsnet.pictures.render import frame_camera, render_bodies
 from dsnet.prediction.moving_body import MovingBody
-from dsnet.report.panels import MAGNITUDE_COLOURS, footer, magnitude_colours, scale_top_m
-from dsnet.report.render import frame_camera, render_bodies
 
 _SMOOTH_S, _CAMERA_ANGLE_RAD, _GAP_M = 0.5, 0.35, 0.15
 _EVERY_VERTEX = 10

@@ -27,8 +27,8 @@ from dsnet.fitting.recording import Recording, read_recording
 from dsnet.fitting.tissue_patch import Region, with_changes
 from dsnet.markers.marker_files import marker_file
 from dsnet.markers.registration import SOFT
+from dsnet.pictures.page_templates import fill_template
 from dsnet.prediction.load_model import TrainedModel, load_model
-from dsnet.report.pages import render
 
 FITTED = "dsnet_plus_markers"
 LABEL = "DSNet+, of skin markers"
@@ -165,7 +165,7 @@ def _make(
     trained = _model(body, model, fits, fitted, rows_of)
     refuse_nonfinite(trained.arrays(), FITTED, _REMEDY)
     save_weights(writer.file_path(f"{NAME}.safetensors"), trained.arrays())
-    table = render("fitted.md.j2", parts=SOFT, fitted=fitted)
+    table = fill_template("fitted.md.j2", parts=SOFT, fitted=fitted)
     writer.file_path("markers.md").write_text(table, encoding="utf-8")
     for line in table.splitlines():
         notify(line)

@@ -24,11 +24,11 @@ def write_comparisons(
     path_of : where a file of a name is written.
     comparisons : of the same markers, by the pose that the body takes.
     """
-    from dsnet.report.pages import render
+    from dsnet.pictures.page_templates import fill_template
 
     rows = {name: comparison.summary() for name, comparison in comparisons.items()}
     path_of("markers.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    page = render("markers.md.j2", comparisons=comparisons, cut_hz=CUT_HZ, bands_hz=BANDS_HZ)
+    page = fill_template("markers.md.j2", comparisons=comparisons, cut_hz=CUT_HZ, bands_hz=BANDS_HZ)
     path_of("markers.md").write_text(page, encoding="utf-8")
     _draw(path_of("markers.png"), comparisons, fps)
 
@@ -38,7 +38,7 @@ def _draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None
     # Errors of a run need no pictures, whose libraries take longer to load than the rest.
     from matplotlib.figure import Figure
 
-    from dsnet.report.panels import save_figure
+    from dsnet.pictures.panels import save_figure
 
     first: dict[str, Row] = {}
     for row in next(iter(comparisons.values())).rows:

@@ -98,7 +98,7 @@ def fill_prediction(
             array.write(moved.frames.start, getattr(moved, f"{name}_m"))
     if "strip" in write:
         # Matplotlib takes longer to load than the first frames, which do not wait for it.
-        from dsnet.report.panels import draw_motion_strip
+        from dsnet.pictures.panels import draw_motion_strip
 
         drawn_m = made["vertices"].read(slice(None)), made["offsets"].read(slice(None))
         draw_motion_strip(writer.file_path("strip.png"), *drawn_m, faces, origin=trained.shows)

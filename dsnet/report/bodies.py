@@ -17,8 +17,8 @@ from bridge.motion import MotionSequence, unpack_theta
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
 from dsnet.evaluation.pipelines import AUTOENCODER, MotionArrays, Pipeline, pipelines_of
-from dsnet.report.panels import draw_panels, magnitude_colours, scale_top_m
-from dsnet.report.render import frame_camera, render_bodies
+from dsnet.pictures.panels import draw_panels, magnitude_colours, scale_top_m
+from dsnet.pictures.render import frame_camera, render_bodies
 
 _FIGURE1_BODIES = 7
 """Bodies in each row of Figure 1, spread over the motion."""

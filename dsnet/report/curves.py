@@ -21,7 +21,7 @@ from dsnet.evaluation.comparison import TRUE
 from dsnet.evaluation.evaluation import MESH_ERROR, OFFSET_SIZE, per_frame_m
 from dsnet.evaluation.metrics import BIN_HZ
 from dsnet.evaluation.pipelines import SMPL, SUBJECT_MEAN
-from dsnet.report.panels import new_figure, save_figure
+from dsnet.pictures.panels import new_figure, save_figure
 
 # Okabe and Ito's colours are safe for colour-blind readers; line styles help in print.
 _TRAINED = ("#0072B2", "#56B4E9", "#CC79A7", "#009E73", "#D55E00", "#F0E442")

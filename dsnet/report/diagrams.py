@@ -12,7 +12,7 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from bridge.exchange import load_weights
 from bridge.paper import FEATURES, LATENT_SIZE
 from bridge.runs import Artifact
-from dsnet.report.panels import new_figure, save_figure
+from dsnet.pictures.panels import new_figure, save_figure
 
 _DATA, _LINEAR, _CONV, _LSTM = "#C9CED6", "#56B4E9", "#E69F00", "#009E73"
 

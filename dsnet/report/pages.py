@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
 
 from bridge.motion.splits import CELLS
 from dsnet.evaluation.pipelines import SMPL
+from dsnet.pictures.page_templates import decimals, fill_template
 
 
 def main_table(results: Mapping[str, Any]) -> str:
@@ -75,7 +75,7 @@ def mesh_score(results: Mapping[str, Any], group: str, name: str, score: str) ->
 
 def plus_minus(values: Sequence[float]) -> str:
     """A number with two decimals, or a mean and its standard deviation with ± between."""
-    return " ± ".join(_decimals(value, 2) for value in values)
+    return " ± ".join(decimals(value, 2) for value in values)
 
 
 def _mm_and_r2(results: Mapping[str, Any], group: str, name: str) -> str:
@@ -83,38 +83,12 @@ def _mm_and_r2(results: Mapping[str, Any], group: str, name: str) -> str:
     return f"{plus_minus(mm[:1])} mm, {plus_minus(r2)}" if mm else "-"
 
 
-def _decimals(value: float | None, digits: int) -> str:
-    # Adding 0 turns -0.0, which rounding can give, into 0.0.
-    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
-
-
-def _exponent(value: float | None) -> str:
-    return "-" if value is None else f"{value:.0e}" if value else "0"
-
-
-_ENVIRONMENT = Environment(
-    loader=PackageLoader("dsnet.report"),
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-    # Markdown is escaped when it is rendered; the HTML template marks its body as safe.
-    autoescape=lambda name: bool(name and name.endswith(".html.j2")),
-)
-_ENVIRONMENT.filters |= {"decimals": _decimals, "exponent": _exponent}
-
-
-def render(template: str, **variables: Any) -> str:
-    """Fill one of the templates in `dsnet/report/templates`."""
-    return _ENVIRONMENT.get_template(template).render(variables)
-
-
 def render_markdown(
     results: Mapping[str, Any], figures: Sequence[Any], departures: Sequence[str], notice: str
 ) -> str:
     """The report in Markdown; links to its sections replace the template's `[contents]`."""
     shown = [results["predictors"][one["default"]] for one in results["pipelines"].values()]
-    page = render(
+    page = fill_template(
         "report.md.j2",
         results=results,
         figures=[one for one in figures if one.name.startswith("figure")],
@@ -156,4 +130,4 @@ def render_html(markdown: str, folder: Path, *, title: str, banner: str) -> str:
     # On a narrow screen a wide table scrolls, not the page.
     body = body.replace("<table>", '<div class="wide"><table>')
     body = body.replace("</table>", "</table></div>")
-    return render("page.html.j2", title=title, banner=banner, body=body)
+    return fill_template("page.html.j2", title=title, banner=banner, body=body)

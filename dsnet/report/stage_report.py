@@ -21,6 +21,7 @@ from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import INFER, INFER_PLUS, TRAIN_PLUS, body_model_path
 from bridge.runs.workers import progress
 from dsnet.evaluation.pipelines import MotionArrays, stages_of_pipelines
+from dsnet.pictures.panels import FOOTERS
 from dsnet.report.bodies import (
     Scene,
     draw_figure1,
@@ -42,7 +43,6 @@ from dsnet.report.curves import (
 )
 from dsnet.report.diagrams import draw_figure3, draw_figure5
 from dsnet.report.pages import render_html, render_markdown
-from dsnet.report.panels import FOOTERS
 from dsnet.report.paper_table import validation_result
 from dsnet.report.results import departures, of_other_seeds, summarise
 from dsnet.report.update import update_stages

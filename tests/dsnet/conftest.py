@@ -118,7 +118,7 @@ def blank_strip(monkeypatch: pytest.MonkeyPatch) -> None:
     def draw(path: Path, *arguments: object, **options: object) -> None:
         path.write_bytes(b"")
 
-    monkeypatch.setattr("dsnet.report.panels.draw_motion_strip", draw)
+    monkeypatch.setattr("dsnet.pictures.panels.draw_motion_strip", draw)
 
 
 @pytest.fixture(scope="session")

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from bridge.motion import unpack_theta
 from bridge.runs.artifact import DataOrigin
 from dsnet.exporters.clip_pictures import turned_to_camera
+from dsnet.pictures.panels import draw_panels, draw_row_of_bodies, magnitude_colours, scale_top_m
+from dsnet.pictures.render import frame_camera, render_bodies
 from dsnet.prediction.moving_body import MovingBody
-from dsnet.report.panels import draw_panels, draw_row_of_bodies, magnitude_colours, scale_top_m
-from dsnet.report.render import frame_camera, render_bodies
 from tools.gallery.performed import Performed
 
 _ASIDE_RAD, _ABOVE_DEG = 0.6, 14.0

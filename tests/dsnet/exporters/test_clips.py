@@ -16,8 +16,8 @@ from bridge.body.posing import shaped_joints
 from bridge.motion import pack_theta, unpack_theta
 from dsnet.exporters import clips
 from dsnet.exporters.clip_pictures import ClipPage, ClipStage
+from dsnet.pictures.panels import FOOTERS, footer
 from dsnet.prediction.moving_body import MovingBody
-from dsnet.report.panels import FOOTERS, footer
 from tests.dsnet.exporters.conftest import moving_body
 
 FRAMES = 7

@@ -17,9 +17,9 @@ from bridge.runs import read_artifact
 from dsnet.cli import main
 from dsnet.exporters.clip_pictures import RenderedClip
 from dsnet.exporters.output import facts_in_a_line
+from dsnet.pictures.panels import footer
 from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.moving_body import place_motion
-from dsnet.report.panels import footer
 from dsnet.view.clip_list import ClipList
 from dsnet.view.page import clip_of
 from dsnet.view.scene import Scene

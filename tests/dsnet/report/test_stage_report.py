@@ -14,10 +14,10 @@ import pytest
 from bridge import DsnetError
 from bridge.runs import Run, read_artifact
 from dsnet.evaluation.evaluation import evaluate_run
+from dsnet.pictures.panels import FOOTERS, new_figure
 from dsnet.report import stage_report
 from dsnet.report.diagrams import sizes_of
 from dsnet.report.pages import render_html, render_markdown
-from dsnet.report.panels import FOOTERS, new_figure
 from dsnet.report.paper_table import compare, measure
 from tests.forged.best_pipeline import write_best_pipeline
 

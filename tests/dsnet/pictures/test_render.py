@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from bridge.errors import DsnetError
-from dsnet.report.panels import draw_motion_strip, magnitude_colours, scale_top_m
-from dsnet.report.render import frame_camera, linear_to_srgb, render_bodies, srgb_to_linear
+from dsnet.pictures.panels import draw_motion_strip, magnitude_colours, scale_top_m
+from dsnet.pictures.render import frame_camera, linear_to_srgb, render_bodies, srgb_to_linear
 
 TETRAHEDRON = np.array([[-0.5, 0, -0.3], [0.5, 0, -0.3], [0, 0, 0.6], [0, 1.6, 0]])
 FACES = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])

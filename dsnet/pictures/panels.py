@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.runs.artifact import DataShown
-from dsnet.report.render import frame_camera, render_bodies
+from dsnet.pictures.render import frame_camera, render_bodies
 
 # Perceptually uniform, and light at zero, so that a body without offsets looks like a body.
 MAGNITUDE_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.03, 0.85, 256)))

@@ -1,0 +1,1 @@
+"""Bodies, figures and pages, as reports, predictions and exports show them."""
