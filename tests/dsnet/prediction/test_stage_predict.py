@@ -140,7 +140,7 @@ def test_networks_that_give_no_numbers_are_one_line(trained_run, motion, tmp_pat
         (["--motion", "m.npz"], "--motion without --out"),
         (["--out", "o"], "predict without --motion"),
         (["--betas", "1,2,3"], "predict without --motion"),
-        ([], "run `dsnet infer` for a run's own sequences"),
+        ([], "run `dsnet infer` for a run's sequences"),
         (["--motion", "m.npz", "--out", "o", "--betas", "1,2,3"], "10 finite numbers"),
         (["--motion", "m.npz", "--out", "o", "--betas", "nan" + ",0" * 9], "10 finite numbers"),
     ],
