@@ -30,8 +30,9 @@ ALLOWED = {
 ORDER = {
     "bridge": ("", "runs", "body", "motion", "meshes", "exchange", "tissue", "__init__.py"),
     "dsnet": (
-        "pictures", "onnx", "synthetic", "evaluation", "markers", "prediction", "stream", "fitting",
-        "exporters", "view", "verify", "report", "stages", "__init__.py", "command_line.py", "cli.py",
+        "pictures", "onnx", "synthetic", "evaluation", "markers", "prediction", "stream",
+        "fitting", "exporters", "view", "verify", "report", "stages",
+        "__init__.py", "command_line.py", "cli.py",
     ),
 }  # fmt: skip
 THIRD_PARTIES = {

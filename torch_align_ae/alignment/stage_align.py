@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, make_dataclass
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Literal
 
@@ -81,10 +81,9 @@ def main(config: AlignConfig) -> None:
             unused = [one.name for one in fields(Descent)]
             fit = RobustFit(smpl, sequences, meshes, config.robust)
         # Without options of the other aligner, whose change does not make this artifact outdated.
-        options = {key: value for key, value in vars(config).items() if key not in unused}
+        options = {key: value for key, value in asdict(config).items() if key not in unused}
         options["aligner"] = aligner
-        record = make_dataclass("AlignRecord", options)(**options)
-        run.build(name, record, fit.write, data=data.source, upstream=upstream)
+        run.build(name, options, fit.write, data=data.source, upstream=upstream)
 
 
 def _inputs(
