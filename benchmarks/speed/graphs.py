@@ -35,7 +35,7 @@ from dsnet.onnx.body_graph import (
 )
 from dsnet.onnx.network_graphs import decoded, dsnet_body_graph
 from dsnet.onnx.onnx_graph import Graph, Value
-from dsnet.onnx.plus_graph import plus_graph, spread
+from dsnet.onnx.plus_graph import interpolated, plus_graph
 from dsnet.onnx.tissue_graph import Springs, TissueGraph
 from dsnet.verify import draws
 
@@ -63,7 +63,9 @@ def make_contenders(seed: int, nodes: int) -> dict[str, Contender]:
     models = {
         "load": graph_of(lambda g: _load(g, plus, body)),
         "step": graph_of(lambda g: _step(g, plus, body)),
-        "spread": graph_of(lambda g: spread(g, plus.nodes, g.input("now", ("B", 3, nodes)))),
+        "interpolated": graph_of(
+            lambda g: interpolated(g, plus.nodes, g.input("now", ("B", 3, nodes)))
+        ),
         "decoder": decoder_graph(decoder),
         "skinning": graph_of(lambda g: skinned(g, body)),
         "dsnet_plus": plus_graph(plus, body),
@@ -148,7 +150,7 @@ def multiplications(nodes: int) -> dict[str, int]:
     return {
         "load": load,
         "step": step,
-        "spread": spreading,
+        "interpolated": spreading,
         "decoder": decoder,
         "skinning": skinning,
         "dsnet_plus": load + step + spreading + skinning,
