@@ -63,9 +63,7 @@ def make_contenders(seed: int, nodes: int) -> dict[str, Contender]:
     models = {
         "load": graph_of(lambda g: _load(g, plus, body)),
         "step": graph_of(lambda g: _step(g, plus, body)),
-        "interpolated": graph_of(
-            lambda g: interpolated(g, plus.nodes, g.input("now", ("B", 3, nodes)))
-        ),
+        "spread": graph_of(lambda g: interpolated(g, plus.nodes, g.input("now", ("B", 3, nodes)))),
         "decoder": decoder_graph(decoder),
         "skinning": graph_of(lambda g: skinned(g, body)),
         "dsnet_plus": plus_graph(plus, body),
@@ -150,7 +148,7 @@ def multiplications(nodes: int) -> dict[str, int]:
     return {
         "load": load,
         "step": step,
-        "interpolated": spreading,
+        "spread": spreading,
         "decoder": decoder,
         "skinning": skinning,
         "dsnet_plus": load + step + spreading + skinning,
