@@ -33,7 +33,7 @@ from torch_align_ae.alignment.tissue import (
 def observed(smpl):
     """Observe frames [start, stop) of the first two vertices, which move as `frames` (T, 2, 3)."""
     loads = Loads(SkinSample(smpl, 300))
-    loads.sample = cast("SkinSample", SimpleNamespace(take=lambda meshes: meshes.transpose(1, 2)))
+    loads.sample = cast("SkinSample", SimpleNamespace(select=lambda meshes: meshes.transpose(1, 2)))
     loads.around = torch.eye(2, dtype=torch.float64)
 
     def observe(frames, start, stop):
