@@ -89,7 +89,7 @@ def rows(graph: Mapping[str, set[str]]) -> list[list[str]]:
     nearest, low, high = without_detours(graph), dict[str, int](), dict[str, int]()
     for folder in graph:  # each after what it imports
         low[folder] = max((1 + low[target] for target in graph[folder]), default=0)
-    for folder in reversed(graph):
+    for folder in reversed([*graph]):
         importers = [source for source in graph if folder in graph[source]]
         high[folder] = min((high[source] - 1 for source in importers), default=max(low.values()))
 

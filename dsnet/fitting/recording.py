@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.motion import Motion
-from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
 from bridge.tissue.oscillators import node_loads
 from bridge.tissue.trained_plus import TrainedPlus
@@ -129,7 +128,7 @@ def read_recording(path: Path, body: BodyModelData) -> Recording:
 
 def liveliest(motion: Motion) -> slice:
     """The `MOST_S` seconds without a cut in which the root accelerates most."""
-    piece = max(pieces_between_cuts(motion.theta), key=lambda one: one.stop - one.start)
+    piece = max(motion.pieces, key=lambda one: one.stop - one.start)
     most = int(MOST_S * motion.fps)
     acceleration = np.square(np.diff(motion.theta[piece, -3:], n=2, axis=0)).sum(axis=1)
     if len(acceleration) + 2 <= most:

@@ -26,7 +26,7 @@ from bridge.options import Bounds, check_options, numbers_by_name
 from bridge.paper import FPS, N_BETAS
 from dsnet.markers.bone_pose import bone_pose_of
 from dsnet.prediction.load_model import Source, TrainedModel, load_model, requested_body
-from dsnet.prediction.loops import REMEDY, Lap, close_lap
+from dsnet.prediction.loops import REMEDY, Loop, close_loop
 from dsnet.prediction.motion_options import MotionOptions
 from dsnet.prediction.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
 from dsnet.prediction.shape_space import with_betas_on
@@ -220,12 +220,12 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
     return MovingBody(trained, placed, gain, controls.given(), loop)
 
 
-def _looped(placed: Motion, body: BodyModelData) -> tuple[Motion, Lap]:
+def _looped(placed: Motion, body: BodyModelData) -> tuple[Motion, Loop]:
     """A motion that stands where it shall as one that repeats."""
     if placed.cuts:
         jumps = f"--loop with {placed.source}, which jumps at frame {placed.cuts[0]}"
         raise DsnetError(jumps, "a motion without cuts", REMEDY)
-    closed = close_lap(placed.theta, root_joint_m(body, placed.betas))
+    closed = close_loop(placed.theta, root_joint_m(body, placed.betas))
     if closed.dropped:
         notify(f"the last frame of {placed.source} is its first again: left out of the loop")
     lap = placed.frames(slice(len(closed.theta)))  # the hands' too

@@ -26,7 +26,7 @@ _LEAST_FRAMES = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Lap:
+class Loop:
     """One round of a repeating motion, y up, and the rigid map to the next round."""
 
     theta: NDArray[np.floating]
@@ -54,7 +54,7 @@ class Lap:
         return np.concatenate(laps)
 
 
-def close_lap(theta: NDArray, root_joint_m: NDArray) -> Lap:
+def close_loop(theta: NDArray, root_joint_m: NDArray) -> Loop:
     """A motion (T, 69), y up, as a lap that leads into the next.
 
     If its last frame is its first again, but for the way it has gone, it is dropped. Otherwise
@@ -83,7 +83,7 @@ def close_lap(theta: NDArray, root_joint_m: NDArray) -> Lap:
     shift_m = next_m - _about(turn_rad).apply(places[0])
     shift_m[1] = 0.0  # or a thousand laps would climb
     kept = np.asarray(theta[:-1] if dropped else theta)
-    lap = Lap(kept, dropped, turn_rad, shift_m, np.asarray(root_joint_m, np.float64))
+    lap = Loop(kept, dropped, turn_rad, shift_m, np.asarray(root_joint_m, np.float64))
     _check_seam(lap)
     return lap
 
@@ -106,7 +106,7 @@ def _turn_rad(start: Rotation, end: Rotation) -> float:
     return float(np.remainder(2 * np.arctan2(y, w) + np.pi, 2 * np.pi) - np.pi)
 
 
-def _check_seam(lap: Lap) -> None:
+def _check_seam(lap: Loop) -> None:
     within_deg, within_m = _changes(lap.theta)
     frames = len(lap.theta)
     across_deg, across_m = _changes(lap.repeated(2)[frames - 2 : frames + 2])

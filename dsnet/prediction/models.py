@@ -36,7 +36,7 @@ from dsnet.onnx.network_graphs import (
 )
 from dsnet.onnx.onnx_graph import GraphSession, Precision
 from dsnet.onnx.plus_graph import plus_graph, plus_layout, plus_step_graph
-from dsnet.prediction.loops import Lap
+from dsnet.prediction.loops import Loop
 
 _MOTIONS_AT_ONCE = 32
 """Simulated side by side."""
@@ -276,7 +276,7 @@ def finished(model: Model, state: State, theta: NDArray) -> list[Codes]:
 
 
 def predict_loop(
-    predict: Callable[[NDArray, NDArray], Prediction], loop: Lap, betas: NDArray
+    predict: Callable[[NDArray, NDArray], Prediction], loop: Loop, betas: NDArray
 ) -> Prediction:
     """A motion that repeats: round after round until nothing of the start is left of the tissue.
 

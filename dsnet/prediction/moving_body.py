@@ -25,7 +25,7 @@ from bridge.paper import N_JOINTS
 from bridge.runs.workers import progress
 from dsnet.markers.bone_pose import flesh_in_pose
 from dsnet.prediction.load_model import TrainedModel
-from dsnet.prediction.loops import Lap
+from dsnet.prediction.loops import Loop
 from dsnet.prediction.models import Prediction, decoded, predict_loop, predict_whole
 from dsnet.prediction.shape_space import pelvis_apart_m
 
@@ -80,7 +80,7 @@ class MovingBody:
         motion: Motion,
         gain: float | NDArray[np.floating] = 1.0,
         controls: Mapping[str, Any] | None = None,
-        loop: Lap | None = None,
+        loop: Loop | None = None,
     ) -> None:
         self.trained, self.motion = trained, motion
         self.controls = dict(controls or {})

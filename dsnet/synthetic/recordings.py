@@ -14,7 +14,6 @@ import numpy as np
 from tyro.conf import Fixed
 
 from bridge.errors import DsnetError, did_you_mean, notify
-from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import (
     find_motion_files,
@@ -221,7 +220,7 @@ def _real(config: CorpusConfig, files: Iterable[Path]) -> list[Recording]:
             notify(f"{path}: left out; it does not state its rate, pass --amass-fps")
             continue
         frames = min(len(stored.pose), int(config.amass_seconds * fps) + 1)
-        first, *later = pieces_between_cuts(stored.theta[:frames])
+        first, *later = stored.frames(slice(frames)).pieces
         if later:
             frames = first.stop
             notify(f"{path}: used up to {frames / fps:.2f} s, as it jumps there")

@@ -25,13 +25,12 @@ from bridge.body.parts import PARTS, part_weights
 from bridge.body.posing import Smpl
 from bridge.errors import DsnetError
 from bridge.motion import Motion, unpack_theta
-from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import motion_warnings
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.onnx.body_graph import bone_weights
 from dsnet.onnx.plus_graph import plus_graph, plus_layout
 from dsnet.prediction.controls import gains_of_parts, root_joint_m
-from dsnet.prediction.loops import Lap, close_lap
+from dsnet.prediction.loops import Loop, close_loop
 from dsnet.prediction.models import PlusModel
 from dsnet.prediction.moving_body import MovingBody, pose_on
 from dsnet.prediction.shape_space import PELVIS_M
@@ -65,7 +64,7 @@ class Scene:
         self,
         clip_list: ClipList,
         controls: Mapping[str, Any] | None = None,
-        loop: Lap | None = None,
+        loop: Loop | None = None,
     ) -> None:
         self._clip_list, self._controls, self._loop = clip_list, controls or {}, loop
         self._body, self._clips = clip_list.best.body, list(clip_list.clips.items())
@@ -171,11 +170,10 @@ class Scene:
     def _motion(self, number: int) -> bytes:
         _, clip = self._clips[number]
         whole, motion = len(clip.read().theta), self._shown(clip)
-        pieces = pieces_between_cuts(motion.theta)
-        warnings = motion_warnings(motion, pieces)
+        warnings = motion_warnings(motion)
         if (left_out := whole - len(motion.theta)) and not self._clip_list.truth_of(clip):
             warnings.append(f"{left_out} of its {whole} frames are left out: pages show less")
-        starts = [piece.start for piece in pieces]
+        starts = [piece.start for piece in motion.pieces]
         return self._motion_json(number, motion, motion.theta, starts=starts, says=warnings)
 
     def _motion_json(self, number: int, motion: Motion, theta: NDArray, **more: Any) -> bytes:
@@ -199,9 +197,9 @@ class Scene:
         """The motion as a loop: the cycle that is shown, after others that warm the tissue up."""
         motion = self._shown(self._clips[number][1])
         try:
-            if len(pieces_between_cuts(motion.theta)) > 1:
+            if len(motion.pieces) > 1:
                 raise DsnetError("a motion with cuts", "one without", "Choose another.")
-            loop = close_lap(motion.theta, root_joint_m(self._body, motion.betas))
+            loop = close_loop(motion.theta, root_joint_m(self._body, motion.betas))
         except DsnetError as error:
             return json.dumps({"failed": str(error)}).encode()
         count = len(loop.theta)
@@ -254,7 +252,7 @@ class Scene:
             yield frames, person.pose(pose, trans_m, truth.offsets_m(sequence, frames))
 
 
-def cycles_around(loop: Lap, before: int, ahead: int) -> NDArray[np.floating]:
+def cycles_around(loop: Loop, before: int, ahead: int) -> NDArray[np.floating]:
     """theta (T, 69) of a loop with `before` cycles before it and `ahead` frames after it.
 
     Each cycle ends where the next one begins.

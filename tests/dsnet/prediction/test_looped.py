@@ -10,7 +10,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model
-from dsnet.prediction.loops import close_lap
+from dsnet.prediction.loops import close_loop
 from dsnet.prediction.models import (
     FRAMES_AT_ONCE,
     DsnetModel,
@@ -32,7 +32,7 @@ def offsets_of(found: Prediction) -> np.ndarray:
 
 
 def lap_of(theta: np.ndarray):
-    return close_lap(theta, BODY.joints[0])
+    return close_loop(theta, BODY.joints[0])
 
 
 @pytest.mark.parametrize("lap_frames", [LAP, FRAMES_AT_ONCE + 30])

@@ -14,7 +14,7 @@ from bridge.body.posing import rest_vertices
 from bridge.motion import unpack_theta
 from dsnet.evaluation.pipelines import MotionArrays
 from dsnet.prediction.controls import root_joint_m
-from dsnet.prediction.loops import close_lap
+from dsnet.prediction.loops import close_loop
 from dsnet.prediction.moving_body import MovingBody, place_motion
 from dsnet.verify.reference.smpl import unposed_vertices
 from dsnet.view.clip_list import Clip, open_clip_list
@@ -89,7 +89,7 @@ def test_rounds_lead_to_a_lap_that_stands_where_it_stood():
     theta = np.zeros((40, 69))
     turns = np.arange(40) * 2 * np.pi / 40
     theta[:, 1], theta[:, 66], theta[:, 68] = 0.01 * turns, 0.1 * turns, 0.02 * np.sin(turns)
-    lap = close_lap(theta, np.array([0.0, 0.9, 0.1]))
+    lap = close_loop(theta, np.array([0.0, 0.9, 0.1]))
     assert abs(lap.turn_rad) > 0.01
     rounds, count = cycles_around(lap, 2, 8), len(lap.theta)
     np.testing.assert_allclose(rounds[2 * count :], lap.repeated(2)[: count + 8], atol=1e-12)

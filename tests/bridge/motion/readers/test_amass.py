@@ -18,7 +18,7 @@ from bridge.motion.motion import MOST_FRAMES
 from bridge.motion.readers import amass
 from bridge.motion.readers.amass import CYCLE, SAMPLES, motion_path, sample_path
 from bridge.motion.readers.smpl_fields import TRANS_KEYS
-from dsnet.prediction.loops import close_lap
+from dsnet.prediction.loops import close_loop
 from tests.forged.amass import load_amass_motion, save, shape, smpl, smplh, smplx
 
 Layout = Callable[..., dict[str, Any]]
@@ -231,7 +231,7 @@ def test_each_is_one_movement_of_four_seconds_or_one_lap(name):
 
 
 def test_one_repeats_in_place():
-    lap = close_lap(load_amass_motion(f"sample:{CYCLE}").theta, np.zeros(3))
+    lap = close_loop(load_amass_motion(f"sample:{CYCLE}").theta, np.zeros(3))
     assert lap.dropped
     np.testing.assert_allclose(lap.repeated(3), np.tile(lap.theta, (3, 1)), atol=1e-6)
 
@@ -239,7 +239,7 @@ def test_one_repeats_in_place():
 @pytest.mark.parametrize("name", sorted({*SAMPLES} - {CYCLE}))
 def test_the_others_do_not_and_say_which_does(name):
     with pytest.raises(DsnetError, match=r"--loop with a motion.* as sample:walk_cycle is"):
-        close_lap(load_amass_motion(f"sample:{name}").theta, np.zeros(3))
+        close_loop(load_amass_motion(f"sample:{name}").theta, np.zeros(3))
 
 
 @pytest.mark.parametrize("name", SAMPLES)
