@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from bridge.errors import DsnetError, did_you_mean
+from bridge.errors import DsnetError, did_you_mean, unknown_name
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,14 @@ def check_options(config: Any) -> None:
     for flag, bounds, value in _numbers(config, "--"):
         if not bounds.hold(value):
             raise DsnetError(f"{flag} {value}", str(bounds), f"Pass {flag} N.")
+    for name, hint in get_type_hints(type(config)).items():
+        flag, value = f"--{name.replace('_', '-')}", getattr(config, name)
+        words = [word for kind in _kinds(hint) for word in get_args(kind)]
+        if words and value not in words and not isinstance(value, _plain(hint)):
+            raise unknown_name(f"{flag} {value}", str(value), words, f"Pass {flag} {words[0]}.")
+        is_number = {*_plain(hint)} - {NoneType} in ({int}, {float, int})
+        if is_number and isinstance(value, str) and not words:
+            raise DsnetError(f"{flag} {value!r}", "a number", f"Pass {flag} N.")
 
 
 def numbers_by_name(
@@ -94,6 +103,21 @@ def _numbers(config: Any, prefix: str) -> Iterator[tuple[str, Bounds, float]]:
                 usual = _WHOLE if isinstance(number, int) else Bounds()
                 bounds = _stated(hints[field.name]) or (_SEEDS if field.name == "seed" else usual)
                 yield flag, bounds, number
+
+
+def _kinds(hint: Any) -> list[Any]:
+    """The alternatives of an annotation that are words, as in `float | Literal["auto"]`."""
+    if get_origin(hint) is Literal:
+        return [hint]
+    alternatives = get_args(hint) if get_origin(hint) in (Union, UnionType) else ()
+    return [one for one in alternatives if get_origin(one) is Literal]
+
+
+def _plain(hint: Any) -> tuple[type, ...]:
+    """The other alternatives; a whole number is a number too."""
+    alternatives = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    plain = tuple(one for one in alternatives if isinstance(one, type))
+    return (*plain, int) if float in plain else plain
 
 
 def _stated(hint: Any) -> Bounds | None:

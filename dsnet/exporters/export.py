@@ -9,6 +9,7 @@ from bridge.errors import DsnetError
 from dsnet.exporters.formats import FORMATS
 from dsnet.exporters.onnx_model import Precision
 from dsnet.exporters.stage_export import ExportConfig, export_as
+from dsnet.prediction.controls import Controls
 from dsnet.prediction.load_model import Source
 
 
@@ -49,7 +50,7 @@ def export(
         out=Path(out),
         predictor=() if predictor is None else (predictor,),
         precision=precision,
-        **controls,
+        **vars(Controls.of(controls)),
     )
     export_as(config, model)
     return Path(out)

@@ -65,7 +65,7 @@ def chosen_format(name: str, out: Path) -> Format:
     """The format `name`; `DsnetError` if a package is missing or the suffix of `out` is another."""
     if name not in FORMATS:
         blender = "Pass --to glb or usd, and convert it in Blender."
-        remedy = blender if name.lower() == "fbx" else "Pass one of these."
+        remedy = {"fbx": blender, "gltf": "Pass --to glb."}.get(name.lower(), "Pass one of these.")
         raise unknown_name(f"--to {name}", name, FORMATS, remedy)
     chosen = FORMATS[name]
     if chosen.package and chosen.extra:

@@ -42,6 +42,10 @@ PROFILES = dict.fromkeys(("smoke", "demo", "paper"), ExportConfig())
 
 def main(config: ExportConfig) -> None:
     export_as(config, config.run)
+    if out := config.out:
+        files = [path for path in (out, *out.rglob("*")) if path.is_file()]
+        size_mb = sum(path.stat().st_size for path in files) / 1e6
+        notify(f"wrote {out}: {size_mb:.1f} MB")
 
 
 def export_as(config: ExportConfig, source: Source) -> None:

@@ -33,7 +33,7 @@ def animate(
     model : what `load_model` gives or takes: None for the package's of the motion's gender,
         `"female"`, `"male"`, a run's name, a folder that `TrainedModel.save` wrote.
     predictor : which of a run's; its best when None.
-    controls : fields of `Controls`, as in `gain=1.5, floor="shift", shape="heavy"`.
+    controls : fields of `Controls`, as in `gain=1.5, floor="shift", shape={"height": 182}`.
 
     Raises
     ------

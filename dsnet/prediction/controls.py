@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from types import NoneType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -61,16 +62,20 @@ class Controls(MotionOptions):
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Controls:
-        """Controls from their fields by name; words may be a list or one text."""
+        """Controls from their fields by name.
+
+        `part_gain` and `shape` may be one text, a list of words or a dictionary of numbers by name,
+        `betas` any sequence of numbers.
+        """
         names = [field.name for field in fields(Controls)]
         for name in given:
             if name not in names:
                 raise unknown_name(f"{name}=", name, names, "Pass fields of dsnet.Controls.")
         made: dict[str, Any] = dict(given)
-        for name in ("part_gain", "shape"):
-            if name in made:
-                words = made[name]
-                made[name] = (words,) if isinstance(words, str) else tuple(words)
+        for name in {"part_gain", "shape"} & {*made}:
+            made[name] = _words_of(name, made[name])
+        if not isinstance(made.get("betas"), (str, NoneType)):
+            made["betas"] = ",".join(map(str, np.ravel(made["betas"]).tolist()))
         for name in ("body", "joint_map"):
             if made.get(name) is not None:
                 made[name] = Path(made[name])
@@ -168,6 +173,16 @@ class Controls(MotionOptions):
         if not self.shape:
             return None
         return find_shape(body, self._words())
+
+
+def _words_of(name: str, given: Any) -> tuple[str, ...]:
+    if isinstance(given, str):
+        return (given,)
+    if isinstance(given, Mapping):
+        return tuple(f"{part}={number}" for part, number in given.items())
+    if not isinstance(given, Sequence):
+        raise DsnetError(f"{name}={given!r}", "words or numbers by name", "Pass {'height': 182}.")
+    return tuple(map(str, given))
 
 
 def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -> MovingBody:

@@ -113,3 +113,34 @@ def test_examples_import_top_level_names_alone(path: Path) -> None:
             assert node.module in FACES, f"{path.name}: {node.module}"
         if isinstance(node, ast.Import):
             assert not {a.name for a in node.names if a.name.partition(".")[0] in FACES} - FACES
+
+
+@pytest.mark.parametrize(
+    ("controls", "words"),
+    [
+        ({"floor": "shfit"}, "shift"),
+        ({"floor": True}, "shift"),
+        ({"pose": "bonny"}, "bony"),
+        ({"up": "x"}, "auto"),
+        ({"smooth_hz": "atuo"}, "auto"),
+        ({"gain": "2"}, "a number"),
+        ({"shape": 182}, "height"),
+        ({"shape": {"heigt": 182}}, "height"),
+        ({"betas": [1, 2]}, "ten|10"),
+    ],
+)
+def test_wrong_controls_are_one_line(controls, words):
+    with pytest.raises(dsnet.DsnetError, match=words) as caught:
+        dsnet.animate("sample:jumping_jacks", **controls)
+    assert "\n" not in str(caught.value)
+
+
+def test_numbers_and_words_say_the_same():
+    by_words = dsnet.Controls(
+        shape=("height=182",), part_gain=("belly=2",), betas="1,0,0,0,0,0,0,0,0,0"
+    )
+    betas = np.eye(10)[0]
+    given = {"shape": {"height": 182}, "part_gain": {"belly": 2}, "betas": betas}
+    by_numbers = dsnet.Controls.of(given)
+    assert (by_numbers.shape, by_numbers.part_gain) == (by_words.shape, by_words.part_gain)
+    assert [*map(float, str(by_numbers.betas).split(","))] == betas.tolist()
