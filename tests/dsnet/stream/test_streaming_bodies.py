@@ -244,7 +244,7 @@ def test_a_runs_best_predictor_by_its_name(plus_run, flesh):
     given = streamed(Stream(flesh, body=BODY), theta, BETAS)
     np.testing.assert_array_equal(offsets_of(by_name), offsets_of(given))
     assert by_name[0].latents is None
-    with pytest.raises(DsnetError, match="'nope' asked of run"):
+    with pytest.raises(DsnetError, match="'nope' of run"):
         Stream(plus_run.name, "nope")
 
 
