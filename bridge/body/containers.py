@@ -1,8 +1,8 @@
 """Named fields in a file of any of the containers in which bodies are kept, by its first bytes.
 
-Archives of NumPy, pickles, dictionaries in a `.npy`, torch files and safetensors are read. The
-error names what people often take for one of them: a web page, git-lfs's pointer, an archive.
-DMPL's directions, in which a soft body moves, are read here too.
+Archives of NumPy, pickles, dictionaries in a `.npy`, torch files and safetensors are read; what
+people take for one of them (a web page, git-lfs's pointer, an archive to unpack) is told by name.
+DMPL's directions, in which a soft body moves, come in the same way.
 """
 
 from __future__ import annotations
@@ -42,16 +42,24 @@ TEXTURE = "vt", "ft"
 _AGAIN = "Download the file again"
 _UNPACK = "Unpack it, and pass one body of it (.npz or .pkl, of one gender)"
 _PICKLE = rb"\x80[\0-\x05]|[(}\])cN]|P[^\n]*\n"
-_OTHER_FILES: tuple[tuple[bytes, str, str], ...] = (
+_TEXT = rb"(?=[ -~]*[ :{])[\t\n\r -~]+\Z"
+_STRANGERS: tuple[tuple[bytes, str, str], ...] = (
     (rb"\Z", "an empty file", _AGAIN),
-    (rb"version https://git-lfs", "git-lfs's pointer to a file, not the file",
-     "Run `git lfs pull` in the repository that it lies in"),
+    (rb"\0{64}", "zeros, no body: a download that broke off", _AGAIN),
+    (rb"version https://git-lfs|/annex/objects/|[./]*/\.git/annex",
+     "git-lfs's or git-annex's pointer to a file, not the file",
+     "Run `git lfs pull` or `git annex get` in the repository that it lies in"),
     (rb"(\xef\xbb\xbf)?\s*<", "a web page, saved under the file's name",
      "Sign in at the site that has it, and download it again"),
     (rb"\x1f\x8b|x[\x01\x5e\x9c\xda]|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!|.{257}ustar",
      "an archive, not unpacked", _UNPACK),
+    (rb"Kaydara FBX|; FBX", "a scene (.fbx)", "Pass the model file that it was made from"),
+    (rb"glTF|BLENDER|ply|v -?\d|o \w|mtllib|# Blender", "a mesh or scene",
+     "Pass the model file that it was made from"),
+    (rb"\x89HDF", "an HDF5 file", "Meshes of Dyna and D-FAUST go to --dyna"),
+    (rb"\x80\x02\x8a\nl\xfc\x9cF", "an old file of PyTorch's", "Save its arrays as .npz"),
 )  # fmt: skip
-"""How files begin that people take for a body, what they are, and what to do."""
+"""What begins so, what it is, and what helps."""
 
 
 def read_fields(path: Path, wanted: Mapping[str, int]) -> Mapping[str, Any]:
@@ -70,15 +78,18 @@ def read_fields(path: Path, wanted: Mapping[str, int]) -> Mapping[str, Any]:
         if start[:2] == b"PK":
             return _of_zip(path, file, wanted)
         if start[:6] == b"\x93NUMPY":
-            return _dictionary(_of_npy(path, file))
+            return _dictionary(path, _of_npy(path, file))
         if start[8:9] == b"{" and start[7:8] == b"\0":
             return _of_tensors(path)
-        for pattern, what, remedy in _OTHER_FILES:
-            if re.match(pattern, start, re.DOTALL):
+        for pattern, what, remedy in _STRANGERS:
+            if re.match(pattern, start, re.DOTALL | re.IGNORECASE):
                 raise refused(path, what, remedy=remedy)
+        if re.match(_TEXT, start):
+            line = start.splitlines()[0][:60].decode()
+            raise refused(path, f"text ({line!r}), as of an error page", remedy=_AGAIN)
         if not re.match(_PICKLE, start):
             raise refused(path, f"a file of no kind that is read (it begins with {start[:12]!r})")
-        return _dictionary(load_restricted(file))
+        return _dictionary(path, load_restricted(file))
 
 
 def refused(
@@ -96,14 +107,16 @@ def _of_zip(path: Path, file: IO[bytes], wanted: Mapping[str, int]) -> Mapping[s
         with open_npz(path, MOST_FILE_BYTES) as archive:
             if len(archive):
                 if set(archive) == {"arr_0"} and archive["arr_0"].dtype.hasobject:
-                    return _dictionary(_object(archive, "arr_0"))
+                    return _dictionary(path, _object(archive, "arr_0"))
                 return npz_fields(archive, wanted)
-            is_torch = any(name.endswith("data.pkl") for name in archive.others)
+            names = [name for name in archive.others if not re.search(r"__MACOSX|/\._", name)]
     except zipfile.BadZipFile as error:
         raise refused(path, f"an archive that is cut short ({error})", remedy=_AGAIN) from error
-    if not is_torch:
-        raise refused(path, "an archive, not unpacked", remedy=_UNPACK)
-    return _dictionary(load_torch(file))
+    if any(name.endswith("data.pkl") for name in names):
+        return _dictionary(path, load_torch(file))
+    if inside := [name for name in names if name.endswith((".npz", ".pkl"))]:
+        raise refused(path, "an archive, not unpacked", remedy=f"Unpack it, and pass {inside[0]}")
+    raise refused(path, f"an archive without a body model ({', '.join(names[:3])})")
 
 
 def _of_tensors(path: Path) -> Mapping[str, NDArray]:
@@ -140,12 +153,15 @@ def _of_npy(path: Path, file: IO[bytes]) -> Any:
     return load_restricted_item(file)
 
 
-def _dictionary(content: Any) -> Mapping[str, Any]:
-    if not isinstance(content, dict):
-        raise pickle.UnpicklingError(f"it holds a {type(content).__name__}, not a dictionary")
+def _dictionary(path: Path, found: Any) -> Mapping[str, Any]:
+    if isinstance(found, list):
+        what = f"a list of {len(found)}, as results or fits are, and no model"
+        raise refused(path, what, remedy="A motion goes to --motion")
+    if not isinstance(found, dict):
+        raise pickle.UnpicklingError(f"it holds a {type(found).__name__}, not a dictionary")
     return {
         name.decode("latin1") if isinstance(name, bytes) else str(name): value
-        for name, value in content.items()
+        for name, value in found.items()
     }
 
 
@@ -156,8 +172,8 @@ def load_torch(file: IO[bytes]) -> Any:
         if archive.getinfo(inside).file_size > MOST_BYTES:
             raise ValueError("a pickle beyond all measure")
         with archive.open(inside) as stream:
-            content = load_restricted(stream, of_torch=True)
-        return _filled(content, archive, inside.removesuffix("data.pkl"), depth=4)
+            found = load_restricted(stream, of_torch=True)
+        return _filled(found, archive, inside.removesuffix("data.pkl"), depth=4)
 
 
 def _filled(value: Any, archive: zipfile.ZipFile, folder: str, depth: int) -> Any:

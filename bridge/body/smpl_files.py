@@ -1,7 +1,7 @@
 """Read body model files of SMPL, SMPL-H and SMPL-X as their owners distribute them and others save
 them again: fields by any of their names, arrays in any of their layouts.
 
-Another model, a motion, or what is no person in metres is refused.
+What is another model, a motion, or no person in metres, is refused by name.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from safetensors import SafetensorError
 
 from bridge.body.body_checks import checked_person, checked_surface
-from bridge.body.containers import TEXTURE, read_fields, refused
+from bridge.body.containers import MODELS, TEXTURE, read_fields, refused
 from bridge.body.model_data import (
     GENDER_FIELD,
     GENDERS,
@@ -55,13 +55,27 @@ _FIELDS = {
 }
 _WANTED = {name: MOST_BYTES for field in _FIELDS.values() for name in field.names}
 _WANTED |= {SOURCE_FIELD: 1 << 12, GENDER_FIELD: 1 << 12} | dict.fromkeys(TEXTURE, MOST_BYTES)
-_MOTION = ("a motion", "Pass it to --motion")
 _BY_FIELD: dict[str, tuple[str, str]] = {
     "eigvec": ("DMPL's directions of soft tissue", "Pass it to --dmpl"),
-    **dict.fromkeys(("poses", "fullpose", "pose_body", "body_pose", "pose", "smpl_poses"), _MOTION),
-    **dict.fromkeys(("pose_world", "smpl_params_global", "trans"), _MOTION),
-}
-"""What a file is that has such a field but no `v_template`, and what to do with it."""
+    "skin_template_v": ("SKEL's, another skeleton", MODELS),
+    "vertices_template": ("SMPL++'s, with vertices_template and other names, faces from 1",
+                          "Pass the file that it was made from"),
+    "hands_components": ("MANO's, a hand", MODELS),
+    **dict.fromkeys(("components", "componentsl"), ("a prior of hands' poses", MODELS)),
+    **dict.fromkeys(
+        (
+            "poses", "fullpose", "pose_body", "body_pose", "pose", "smpl_poses", "pose_world",
+            "smpl_params_global", "trans",
+        ),
+        ("a motion", "Pass it to --motion"),
+    ),
+}  # fmt: skip
+"""What a file is that has such a field, and no model's."""
+_BY_JOINTS = {
+    5: "FLAME's, a head", 16: "MANO's, a hand", 33: "SMAL's, an animal",
+    35: "SMAL's, an animal", 36: "SMAL's, an animal", 75: "SUPR's",
+}  # fmt: skip
+_BY_POSEDIRS = {93: "STAR's, which poses otherwise"}
 _LAYOUTS = {20: 10, 400: 300}
 """Of SMPL-X's columns, shapes before expressions; other counts in between are ambiguous."""
 _SURELY_SHAPES = 10
@@ -129,9 +143,12 @@ def _in_layout(path: Path, arrays: Mapping[str, np.ndarray]) -> dict[str, np.nda
     joints = weights.shape[-1] if weights.ndim == 2 else 0
     if weights.ndim == 2 and weights.shape[0] != vertices == weights.shape[1]:
         joints = weights.shape[0]
+    last = arrays["posedirs"].shape[-1] if arrays["posedirs"].ndim == 3 else 0
+    if other := _BY_JOINTS.get(joints) or _BY_POSEDIRS.get(last):
+        raise refused(path, f"{other} ({joints} joints)")
     if joints not in KIND_OF_JOINTS:
-        received = f"weights has shape {weights.shape}: a skeleton of {joints} joints"
-        raise refused(path, received, f"({vertices}, 24 or 52 or 55)")
+        found = f"weights has shape {weights.shape}: a skeleton of {joints} joints"
+        raise refused(path, found, f"({vertices}, 24 or 52 or 55)")
     sizes = {"V": vertices, "3": 3, "2": 2, "J": joints, "P": 9 * (joints - 1)}
     in_layout = {}
     for name, array in arrays.items():

@@ -98,7 +98,7 @@ _KERAS_VARIABLES = {"weight": "kernel", "bias": "bias"}
 def save_weights(path: Path | str, weights: Mapping[str, NDArray], **metadata: str) -> None:
     """Write named arrays atomically into a safetensors file; `metadata` holds strings only."""
     arrays = {name: np.require(array, requirements="C") for name, array in weights.items()}
-    with written_whole(Path(path)) as partial:
+    with written_whole(Path(path), alone=True) as partial:
         try:
             save_file(arrays, partial, metadata=metadata)
         except SafetensorError as error:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bridge.body.model_data import FACE_COUNT
 from bridge.body.surface_operators import volume_m3
 from bridge.errors import DsnetError
-from bridge.paper import N_VERTICES
+from bridge.paper import FPS, N_VERTICES
 
 FACES_KEY = "faces"
 LAYOUT = "Dyna or D-FAUST registrations: {subject}_{motion} (6890, 3, T) in metres, y up, 60 fps"
@@ -30,6 +30,7 @@ _MOST_ITEMS = 10_000
 _MOST_CHUNK_BYTES = 256 << 20  # HDF5 reads whole chunks: a sequence of 1600 frames in one
 _NAME = re.compile(r"[\w.+-]+( [\w.+-]+)*")
 _MOST_NAME = 100
+_RATES = {"fps", "framerate", "frame_rate", "mocap_framerate"}
 _MOST_FRAMES = 36_000  # of a sequence: ten minutes
 # Across, people are 1 to 2.2 m; another unit is named after the same people in it.
 _PERSON_M = (0.5, 5.0)
@@ -96,6 +97,13 @@ def check_sequence(path: Path, name: str, dataset: h5py.Dataset) -> int:
     _require(is_stored, received, "a file that was written to its end")
     received, remedy = f"{path}: {name} has {length} frames", "Cut it into several sequences."
     _require(length <= _MOST_FRAMES, received, f"at most {_MOST_FRAMES}", remedy)
+    for owner in (dataset, dataset.file):
+        for said in _RATES & set(owner.attrs):
+            stored = owner.attrs.get_id(said)
+            if stored.shape in ((), (1,)) and stored.dtype.kind in "iuf":
+                fps = np.asarray(owner.attrs[said], np.float64).item()
+                received = f"{path}: {name} with {said} {fps:g}"
+                _require(fps == FPS, received, f"{FPS:g}", "Resample the meshes.")
     return length
 
 

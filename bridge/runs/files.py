@@ -40,9 +40,13 @@ def is_finished(folder: Path) -> bool:
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
-    """Where to write a file that is renamed to `path` at the end, so that no reader meets half."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+def written_whole(path: Path, *, alone: bool = False) -> Iterator[Path]:
+    """Where to write a file that is renamed to `path` at the end, so that no reader meets half.
+
+    `alone`: no other process writes it, so what a killed one left is written over.
+    """
+    writer = "" if alone else f".{os.getpid()}"
+    partial = path.with_name(f".{path.name}{writer}.partial")
     try:
         yield partial
         os.replace(partial, path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import shutil
@@ -33,12 +34,32 @@ def test_of_a_checkout_its_folder_is_installed() -> None:
     assert how_to_install("usd") == f"Install the extra: {command}"
 
 
-def test_of_an_installation_a_checkout_is_needed(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("origin", "source"),
+    [
+        ({"url": "file://{there}"}, '-m pip install "dsnet-skin[usd] @ file://{there}"'),
+        ({"url": "file://{there}/gone.whl"}, 'in a checkout of this project: pip install ".[usd]"'),
+        (
+            {"url": "https://host/x", "vcs_info": {"vcs": "git", "commit_id": "c0ffee"}},
+            '"dsnet-skin[usd] @ git+https://host/x@c0ffee"',
+        ),
+        (None, 'in a checkout of this project: pip install ".[usd]"'),
+    ],
+)
+def test_of_an_installation_its_source_is(tmp_path: Path, origin: dict | None, source: str) -> None:
+    (there := tmp_path / "there").mkdir()
     site = tmp_path / "site"
     shutil.copytree(ROOT / "bridge", site / "bridge", ignore=lambda *_: ["body", "report"])
+    (described := site / "dsnet_skin-0.1.0.dist-info").mkdir()
+    (described / "METADATA").write_text("Name: dsnet-skin\nVersion: 0.1.0\n")
+    (described / "RECORD").write_text(f"{described.name}/direct_url.json,,\n" * bool(origin))
+    if origin:
+        (described / "direct_url.json").write_text(
+            json.dumps(origin).replace("{there}", f"{there}")
+        )
     code = "from bridge.installation import how_to_install; print(how_to_install('usd'))"
-    printed = execute(code, tmp_path, site)
-    assert printed.stdout.endswith('in a checkout of this project: pip install ".[usd]"\n')
+    said = execute(code, tmp_path, site)
+    assert said.stdout.endswith(source.replace("{there}", f"{there}") + "\n"), said.stderr
 
 
 def without(package: str, statement: str, folder: Path) -> subprocess.CompletedProcess[str]:

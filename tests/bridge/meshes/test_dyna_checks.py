@@ -48,6 +48,20 @@ def test_keys_are_found_not_assumed(tmp_path, clip):
     assert found == [tuple(name.split("_", 1)) for name in names]
 
 
+@pytest.mark.parametrize("of_file", [True, False])
+def test_meshes_of_another_rate_are_refused(tmp_path, clip, of_file):
+    path = save_registrations(tmp_path / "dyna_female.h5", {"50004_hips": clip})
+    with h5py.File(path, "a") as file:
+        owner = file if of_file else file["50004_hips"]
+        owner.attrs["fps"], owner.attrs["framerate"] = 60, "unknown"
+    assert len(dyna_sequences([path])) == 1
+    with h5py.File(path, "a") as file:
+        owner = file if of_file else file["50004_hips"]
+        owner.attrs["fps"] = np.array([30.0])
+    with pytest.raises(DsnetError, match="50004_hips with fps 30; expected 60"):
+        dyna_sequences([path])
+
+
 def _with_nan(frames):
     frames = frames.copy()
     frames[4, 17, 1] = np.nan
