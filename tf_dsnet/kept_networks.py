@@ -60,7 +60,7 @@ def plan_networks(
     A chosen network that was trained with the same settings and layers is kept as well. Added
     networks come last, so that the default stays; who names all of them gives their order.
     """
-    earlier = _trained_on(run, encoded)
+    earlier = _trained_on(run, encoded, {entry.name for entry in chosen})
     before = earlier.manifest["config"]["predictors"] if earlier else {}
     settings = {entry.name: _settings_of(config, entry) for entry in chosen}
     new = [entry for entry in chosen if before.get(entry.name) != settings[entry.name]]
@@ -74,15 +74,22 @@ def plan_networks(
     return NetworksPlan(tuple(new), kept, {"default": names[0], "predictors": of_each}, earlier)
 
 
-def _trained_on(run: Run, encoded: Artifact) -> Artifact | None:
-    """The finished `train` of these latents, if all that it holds can be kept."""
+def _trained_on(run: Run, encoded: Artifact, chosen: set[str]) -> Artifact | None:
+    """The finished `train` of these latents, if all that it holds can be kept; a note names the
+    networks that go without being trained again."""
     try:
         earlier = read_artifact(run.path / TRAIN)
     except DsnetError:  # none, or damaged and about to be made again
         return None
-    needed = {f"{kind}_{name}" for kind in _ARRAYS for name in earlier.manifest["predictors"]}
+    networks = earlier.manifest["predictors"]
+    needed = {f"{kind}_{name}" for kind in _ARRAYS for name in networks}
     is_of_these = earlier.manifest["upstream"] == {"encode": encoded.content_sha256}
-    return earlier if is_of_these and needed <= set(earlier.manifest["arrays"]) else None
+    if is_of_these and needed <= set(earlier.manifest["arrays"]):
+        return earlier
+    if gone := sorted({*networks} - chosen):
+        reason = "by an earlier version of dsnet" if is_of_these else "on other latents"
+        notify(f"not kept, as trained {reason}: {', '.join(gone)}")
+    return None
 
 
 def _settings_of(config: NetworksRecord, entry: Predictor) -> dict[str, Any]:

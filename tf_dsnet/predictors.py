@@ -7,11 +7,12 @@ function `predictors()` of a module that `DSNET_PLUGINS` names (`bridge/plugins.
 from __future__ import annotations
 
 import inspect
+import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,14 +38,8 @@ from bridge.plugins import entry_named, with_plugins
 from bridge.runs import Artifact
 from bridge.runs.files import json_sha256
 from tf_dsnet.framework import keras, tf
-from tf_dsnet.model import (
-    BlockLSTM,
-    assign_weights,
-    build_dsnet,
-    parameter_counts,
-    with_own_names,
-)
-from tf_dsnet.trainer import Build, DsnetTraining, Trainer, described
+from tf_dsnet.model import BlockLSTM, assign_weights, build_dsnet, with_own_names
+from tf_dsnet.trainer import Build, DsnetTraining, Trainer
 
 PAPER_LR = 1e-4
 """Adam's learning rate in Section 5."""
@@ -174,16 +169,24 @@ class DsnetPredictor:
         return partial(build, **{n: option for n, option in options.items() if n in accepted})
 
     def network_sha256(self, masked: bool) -> str:
-        """Digest of the layers and widths of a `build` of one's own; empty for the paper's."""
+        """Digest of the layers' options of a `build` of one's own; empty for the paper's."""
         if self.build is None:
             return ""
-        model = with_own_names(self._build_to_train(masked)(input_size=INPUT_SIZE))
-        return json_sha256([described(model), parameter_counts(model)])
+        model = self._build_to_train(masked)(input_size=INPUT_SIZE)
+        layers = [[type(one).__name__, _without_names(one.get_config())] for one in model.layers]
+        return json_sha256(json.loads(json.dumps(layers, default=str)))
 
     def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
         trained = TrainedDsnet.from_arrays(self.name, arrays)
         latents_of = applied_dsnet(trained, self.build or build_dsnet)
         return lambda theta, betas: latents_of(join_inputs(theta, betas))
+
+
+def _without_names(config: Any) -> Any:
+    """Keras numbers the names of layers anew in every process."""
+    if isinstance(config, dict):
+        return {key: _without_names(one) for key, one in config.items() if key != "name"}
+    return [*map(_without_names, config)] if isinstance(config, list) else config
 
 
 def applied_dsnet(

@@ -157,14 +157,6 @@ def _batch(clips: Clips, rows: NDArray | slice = slice(None)) -> dict[str, tf.Te
     return {name: tf.constant(array[rows]) for name, array in arrays.items()}
 
 
-def described(model: keras.Model) -> dict[str, Any]:
-    """What a manifest says of a network: its `layers`, or why it is `no_chain` of them."""
-    try:
-        return {"layers": layers_as_json(layers_of(model))}
-    except NoChain as reason:
-        return {"no_chain": str(reason)}
-
-
 class DsnetTraining:
     """A `PredictorTraining` by one trainer; continues from its checkpoint if there is one.
 
@@ -210,7 +202,11 @@ class DsnetTraining:
         return TrainedDsnet(self.name, weights, self._scaling).arrays()
 
     def described(self) -> dict[str, Any]:
-        return described(self.trainer.model)
+        """The network's entry in a manifest: its `layers`, or in `no_chain` why it is no chain."""
+        try:
+            return {"layers": layers_as_json(layers_of(self.trainer.model))}
+        except NoChain as reason:
+            return {"no_chain": str(reason)}
 
     def parameters(self) -> dict[str, int]:
         return parameter_counts(self.trainer.model)

@@ -243,8 +243,8 @@ def _looped(placed: Motion, body: BodyModelData) -> tuple[Motion, Loop]:
     closed = close_loop(placed.theta, root_joint_m(body, placed.betas))
     if closed.dropped:
         notify(f"the last frame of {placed.source} is its first again: left out of the loop")
-    lap = placed.frames(slice(len(closed.theta)))  # the hands' too
-    return replace(lap, theta=closed.theta), closed
+    cycle = placed.frames(slice(len(closed.theta)))  # the hands' too
+    return replace(cycle, theta=closed.theta), closed
 
 
 def _parsed_betas(text: str) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
-"""Motions that repeat: whether the last frame leads into the first, and laps one after another.
+"""Motions that repeat: whether the last frame leads into the first, and cycles one after another.
 
-Between two laps the body may have travelled and turned about the vertical; that rigid map lays
-each lap behind the one before it.
+Between two cycles the body may have travelled and turned about the vertical; that rigid map lays
+each cycle behind the one before it.
 """
 
 from __future__ import annotations
@@ -20,45 +20,45 @@ from bridge.motion.theta import pack_theta, unpack_theta
 SMOOTH_DEG, SMOOTH_M = 2.0, 0.005
 """By how much the step of a joint, and of the root's place, may change from frame to frame over the
 seam, where they change by no more than that within the motion."""
-REMEDY = f"Cut the motion to whole laps, as {SAMPLE_PREFIX}{CYCLE} is, or leave out --loop."
+REMEDY = f"Cut the motion to whole cycles, as {SAMPLE_PREFIX}{CYCLE} is, or leave out --loop."
 _SAME_DEG, _SAME_M = 0.01, 1e-4
 _LEAST_FRAMES = 5
 
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """One round of a repeating motion, y up, and the rigid map to the next round."""
+    """One cycle of a repeating motion, y up, and the rigid map to the next one."""
 
     theta: NDArray[np.floating]
     """(T, 69) pose vectors; the frame after the last is the first, mapped."""
     dropped: bool
     """Whether the file had the first frame again at its end."""
     turn_rad: float
-    """By which the next lap is turned about the vertical."""
+    """By which the next cycle is turned about the vertical."""
     shift_m: NDArray[np.float64]
     """(3,) where the turned first place of the root joint goes, horizontally."""
     root_joint_m: NDArray[np.float64]
     """(3,) the root joint of the body at rest."""
 
     def repeated(self, count: int) -> NDArray[np.floating]:
-        """(count T, 69) laps, each where the one before it ended; the first is `theta`."""
+        """(count T, 69) cycles, each where the one before it ended; the first is `theta`."""
         pose, trans_m = unpack_theta(self.theta)
         turn = _about(self.turn_rad)
         turned, places = Rotation.from_rotvec(pose[:, 0]), trans_m + self.root_joint_m
-        laps = []
+        cycles = []
         for _ in range(count):
             root = turned.as_rotvec()[:, None]
             rotations = np.concatenate([root, pose[:, 1:]], axis=1)
-            laps.append(pack_theta(rotations, places - self.root_joint_m))
+            cycles.append(pack_theta(rotations, places - self.root_joint_m))
             turned, places = turn * turned, turn.apply(places) + self.shift_m
-        return np.concatenate(laps)
+        return np.concatenate(cycles)
 
 
 def close_loop(theta: NDArray, root_joint_m: NDArray) -> Loop:
-    """A motion (T, 69), y up, as a lap that leads into the next.
+    """A motion (T, 69), y up, as a cycle that leads into the next.
 
     If its last frame is its first again, but for the way it has gone, it is dropped. Otherwise
-    the next lap begins one frame after the last, as fast as the body moves before and after. A
+    the next cycle begins one frame after the last, as fast as the body moves before and after. A
     motion that jerks over the seam as it does nowhere else is refused.
 
     Parameters
@@ -76,16 +76,16 @@ def close_loop(theta: NDArray, root_joint_m: NDArray) -> Loop:
     places = np.asarray(trans_m + root_joint_m, np.float64)
     turn_rad, next_m = _turn_rad(first, last), places[-1]
     dropped = _same(first, last, turn_rad, places[-1, 1] - places[0, 1])
-    if not dropped:  # the next lap begins with a step as those before and after it
+    if not dropped:  # the next cycle begins with a step as those before and after it
         turn_rad = turn_rad + (_turn_rad(last_but_one, last) + _turn_rad(first, second)) / 2
         after_m = _about(turn_rad).apply(places[1] - places[0])
         next_m = places[-1] + (places[-1] - places[-2] + after_m) / 2
     shift_m = next_m - _about(turn_rad).apply(places[0])
-    shift_m[1] = 0.0  # or a thousand laps would climb
+    shift_m[1] = 0.0  # or a thousand cycles would climb
     kept = np.asarray(theta[:-1] if dropped else theta)
-    lap = Loop(kept, dropped, turn_rad, shift_m, np.asarray(root_joint_m, np.float64))
-    _check_seam(lap)
-    return lap
+    cycle = Loop(kept, dropped, turn_rad, shift_m, np.asarray(root_joint_m, np.float64))
+    _check_seam(cycle)
+    return cycle
 
 
 def _same(first: Rotation, last: Rotation, turn_rad: float, climbed_m: float) -> bool:
@@ -106,10 +106,10 @@ def _turn_rad(start: Rotation, end: Rotation) -> float:
     return float(np.remainder(2 * np.arctan2(y, w) + np.pi, 2 * np.pi) - np.pi)
 
 
-def _check_seam(lap: Loop) -> None:
-    within_deg, within_m = _changes(lap.theta)
-    frames = len(lap.theta)
-    across_deg, across_m = _changes(lap.repeated(2)[frames - 2 : frames + 2])
+def _check_seam(cycle: Loop) -> None:
+    within_deg, within_m = _changes(cycle.theta)
+    frames = len(cycle.theta)
+    across_deg, across_m = _changes(cycle.repeated(2)[frames - 2 : frames + 2])
     allowed_deg = np.maximum(within_deg.max(axis=0), SMOOTH_DEG)
     allowed_m = max(within_m.max(), SMOOTH_M)
     worst = int((across_deg.max(axis=0) - allowed_deg).argmax())

@@ -289,8 +289,8 @@ def predict_loop(
     prediction = predict(loop.repeated(most + 1), betas)
     each, before, differ_m = chain.from_iterable(prediction.offsets_m), None, np.inf
     for done in range(1, most):
-        lap = enumerate(islice(each, frames))
-        sample = np.stack([offsets for at, offsets in lap if (frames - 1 - at) % every == 0])
+        cycle = enumerate(islice(each, frames))
+        sample = np.stack([offsets for at, offsets in cycle if (frames - 1 - at) % every == 0])
         if before is not None:
             differ_m = float(np.linalg.norm(sample - before, axis=-1).max())
         if differ_m < SETTLED_M:

@@ -123,6 +123,11 @@ def departures(stages: Stages) -> list[str]:
         if stage in stages:
             for name, one in stages[stage].manifest["predictors"].items():
                 texts += [f"`{name}`: {text}" for text in one["departures"]]
+    settings = stages["train"].manifest["config"].get("predictors") if "train" in stages else None
+    if isinstance(settings, Mapping):
+        epochs = {name: one["epochs"] for name, one in settings.items()}
+        if len({*epochs.values()}) > 1:  # a comparison of unequal trainings
+            texts += [f"`{name}`: trained for {count} epochs" for name, count in epochs.items()]
     return texts
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Mapping
 from typing import Any
@@ -10,6 +11,10 @@ from bridge.errors import DsnetError, notify
 from bridge.processes import outcome_of_module
 from bridge.runs import Run, read_artifact
 from bridge.runs.run import TRAIN, command_of
+
+_LEFT_OUT = ("--run", "--engine", "--address", "--markers", "--out")
+"""Options that are not repeated: a run may come from somebody else, and what its files hold must
+not name a cluster to connect to or a folder to write."""
 
 
 def update_stages(run: Run, stages: list[str]) -> None:
@@ -22,7 +27,7 @@ def update_stages(run: Run, stages: list[str]) -> None:
     old, _ = run.old_stages(stages)
     commands = [command_again(run, stage) for stage in dict.fromkeys((*old, "evaluate"))]
     for command, options in dict.fromkeys(commands):
-        notify(f"dsnet {' '.join((command, *options))}")
+        notify(shlex.join(["dsnet", command, *options]))
         status, _ = outcome_of_module("dsnet.cli", command, *options, quiet=False)
         if status:
             sys.exit(status)
@@ -38,26 +43,28 @@ def command_again(run: Run, stage: str) -> tuple[str, tuple[str, ...]]:
             f"one made by `dsnet {command}`",
             f"Run `dsnet {command} --run {run.name}` yourself.",
         )
-    options = without_option(given[2:], "--run")
+    options = without_options(given[2:], *_LEFT_OUT)
     if stage == TRAIN:
-        options = without_option(options, "--predictors")
+        options = without_options(options, "--predictors")
         options += ["--predictors", *_networks(run, artifact.manifest["config"]["predictors"])]
     return command, (*options, "--run", run.name)
 
 
-def without_option(options: list[str], flag: str) -> list[str]:
-    """Options of a command line without `flag` and its values."""
+def without_options(options: list[str], *flags: str) -> list[str]:
+    """Options of a command line without those of some flags, and their values."""
     kept, is_value = [], False
     for option in options:
         if option.startswith("--"):
-            is_value = option.partition("=")[0] == flag
+            is_value = option.partition("=")[0] in flags
         if not is_value:
             kept.append(option)
     return kept
 
 
-def _networks(run: Run, settings: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def _networks(run: Run, settings: Mapping[str, Any] | list[str]) -> list[str]:
     """Names of the networks that one command can train again."""
+    if isinstance(settings, list):  # of before each network had its own
+        return settings
     of_all = [{**one, "network": ""} for one in settings.values()]
     if any(one != of_all[0] for one in of_all):
         raise DsnetError(

@@ -46,5 +46,8 @@ def test_an_added_network_reaches_the_report_by_one_command(
     for weights, digest in before.manifest["files"].items():
         assert trained.manifest["files"][weights] == digest
     results = json.loads((tmp_path / "added" / "report" / "results.json").read_text())
+    assert (
+        "`gru`: trained for 2 epochs" in (tmp_path / "added" / "report" / "report.md").read_text()
+    )
     measured = results["cells"]["validation"]
     assert {"gru", "dsnet_faithful", "dsnet_plus"} <= set(measured)

@@ -141,14 +141,16 @@ def test_a_predictor_whose_checkpoint_is_behind_catches_up(whole_run, encoded_ru
 class Gru(DsnetPredictor):
     """A network of one's own, without names of layers."""
 
-    units = 8
+    units, dropout = 8, 0.0
 
     def __init__(self, name: str = "gru") -> None:
         super().__init__(name, "GRU", build=self._network)
 
     def _network(self, input_size: int) -> keras.Model:
         motion = keras.Input((None, input_size))
-        recurrent = keras.layers.GRU(self.units, return_sequences=True)(motion)
+        recurrent = keras.layers.GRU(self.units, return_sequences=True, dropout=self.dropout)(
+            motion
+        )
         return keras.Model(motion, keras.layers.Dense(100)(recurrent))
 
 
@@ -157,7 +159,8 @@ def with_gru(monkeypatch: pytest.MonkeyPatch) -> type[Gru]:
     """A registered predictor `gru` whose width a test may change."""
     entries = {**predictors.registered_predictors(), "gru": Gru()}
     monkeypatch.setattr(predictors, "registered_predictors", lambda: entries)
-    monkeypatch.setattr(Gru, "units", Gru.units)
+    for option in ("units", "dropout"):
+        monkeypatch.setattr(Gru, option, getattr(Gru, option))
     return Gru
 
 
@@ -192,9 +195,11 @@ def test_a_network_is_trained_again_when_settings_or_layers_change(trained_run, 
     both = replace(TINY, predictors=("gru",))
     stage_train.main(both)
     faithful, gru = (weights_of(trained_run, name) for name in ("dsnet_faithful", "gru"))
-    with_gru.units = 9
-    stage_train.main(both)
-    assert weights_of(trained_run, "gru") != gru
+    for option, value in (("units", 9), ("dropout", 0.5)):
+        setattr(with_gru, option, value)
+        stage_train.main(both)
+        before, gru = gru, weights_of(trained_run, "gru")
+        assert gru != before
     assert weights_of(trained_run, "dsnet_faithful") == faithful
     stage_train.main(replace(TINY, predictors=("dsnet_faithful",), epochs=6))
     assert weights_of(trained_run, "dsnet_faithful") != faithful
@@ -213,7 +218,7 @@ def test_who_names_all_networks_gives_their_order(trained_run):
     assert list(artifact.manifest["predictors"]) == [*BOTH[::-1]]
 
 
-def test_networks_of_other_latents_do_not_stay(trained_run, with_gru):
+def test_networks_of_other_latents_do_not_stay(trained_run, with_gru, capsys):
     encoded = read_artifact(trained_run / "encode")
     latents = encoded.array("latents") * 2
     arrays = {name: encoded.array(name) for name in encoded.manifest["arrays"]}
@@ -223,6 +228,7 @@ def test_networks_of_other_latents_do_not_stay(trained_run, with_gru):
                    data="synthetic", **extra)  # fmt: skip
     stage_train.main(replace(TINY, predictors=("gru",), epochs=1))
     assert list(read_artifact(trained_run / "train").manifest["predictors"]) == ["gru"]
+    assert ", ".join(sorted(BOTH)) in capsys.readouterr().err
 
 
 def test_unknown_run_is_one_line(runs):

@@ -9,7 +9,7 @@ import pytest
 from bridge import DsnetError
 from bridge.runs import Run, write_artifact
 from dsnet.report import update
-from dsnet.report.update import command_again, update_stages, without_option
+from dsnet.report.update import command_again, update_stages, without_options
 
 SETTINGS = {"epochs": 3, "seed": 0}
 
@@ -41,6 +41,20 @@ def run(runs, monkeypatch) -> Run:
 def test_the_recorded_options_are_those_of_the_present_run(run):
     assert command_again(run, "encode") == ("encode", ("--seed", "2", "--run", "r"))
     # All networks that the run holds, not the one that was added last.
+    assert command_again(run, "train") == ("train", ("--predictors", "a", "b", "--run", "r"))
+
+
+def test_a_file_names_no_cluster_and_no_folder_to_write(run, monkeypatch, runs):
+    options = ["--engine=ray", "--address", "elsewhere:1", "--markers", "m", "--out", "o"]
+    monkeypatch.setattr("sys.argv", ["dsnet", "evaluate", "--profile", "smoke", *options])
+    write_artifact(runs / "r" / "evaluate", "evaluate", {}, units={}, data="synthetic")
+    assert command_again(run, "evaluate") == ("evaluate", ("--profile", "smoke", "--run", "r"))
+
+
+def test_networks_of_an_older_run_are_named_too(run, monkeypatch, runs):
+    monkeypatch.setattr("sys.argv", ["dsnet", "train"])
+    older = {"epochs": 3, "predictors": ["a", "b"]}
+    write_artifact(runs / "r" / "train", "train", {}, units={}, data="synthetic", config=older)
     assert command_again(run, "train") == ("train", ("--predictors", "a", "b", "--run", "r"))
 
 
@@ -76,5 +90,5 @@ def test_networks_of_different_settings_are_not_trained_again_as_one(run, runs, 
 
 def test_an_option_goes_with_its_values():
     given = ["--a", "1", "2", "--b=3", "--c"]
-    assert without_option(given, "--a") == ["--b=3", "--c"]
-    assert without_option(given, "--b") == ["--a", "1", "2", "--c"]
+    assert without_options(given, "--a") == ["--b=3", "--c"]
+    assert without_options(given, "--b") == ["--a", "1", "2", "--c"]
