@@ -7,7 +7,7 @@
 #                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR [--amass-fps N]] [--dmpl FILE]]  (licensed: docs/data.md)
 #   ./reproduce.sh setup                the environment alone, for runs and tests
 #   ./reproduce.sh test                 the environment, then linters, types and tests
-#   ./reproduce.sh test --slow          the tests that take minutes each, which `test` leaves out
+#   ./reproduce.sh test --slow          the same with the tests that take up to minutes each
 #   ./reproduce.sh test PYTEST_OPTIONS  linters, types and one pytest with these options
 set -euo pipefail
 caller=$PWD
@@ -67,18 +67,14 @@ print_stamp() {
 }
 
 run_tests() {
-    if [[ ${1-} == --slow ]]; then
-        run_all_tests -m slow
-        return
-    fi
     .venv/bin/ruff check .
     .venv/bin/ruff format --check .
     .venv/bin/pyright
-    if (($#)); then
-        .venv/bin/python -m pytest "$@"
-    else
-        run_all_tests
-    fi
+    case ${1-} in
+        "") run_all_tests ;;
+        --slow) run_all_tests -m "not (browser or cluster or faults or fuzz)" ;;
+        *) .venv/bin/python -m pytest "$@" ;;
+    esac
 }
 
 run_all_tests() {
@@ -87,8 +83,7 @@ run_all_tests() {
     local processes=(--numprocesses auto --maxprocesses 4 --no-loadscope-reorder)
     # Each computes on one core: threads of several processes would wait for one another.
     export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
-    # First the one that a marker may leave empty (status 5), so that the last line tells of tests.
-    .venv/bin/python -m pytest "${processes[@]}" --durations=6 tests/tf_dsnet "$@" || (($# && $? == 5))
+    .venv/bin/python -m pytest "${processes[@]}" --durations=6 tests/tf_dsnet "$@"
     .venv/bin/python -m pytest "${processes[@]}" --durations=12 --ignore tests/tf_dsnet "$@"
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -12,6 +13,7 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
 from bridge.body import BodyModelData, load_body_model
+from tests.smoke_run import finished_runs, link_run
 
 # A shared machine pauses now and then, and a failure must be found again by running again.
 settings.register_profile("dsnet", deadline=None, derandomize=True)
@@ -53,6 +55,14 @@ def body() -> BodyModelData:
     return load_body_model("embedded:female")
 
 
+@pytest.fixture(scope="session")
+def smoke_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that holds the finished run `smoke`; what is added to it only this process sees."""
+    base = tmp_path_factory.getbasetemp()
+    common = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    return link_run(finished_runs(common), tmp_path_factory.mktemp("runs"))
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _nothing_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> None:  # pyright: ignore[reportUnusedFunction]
     """Neither a cache of bodies nor a body that is meant for always."""
@@ -60,8 +70,8 @@ def _nothing_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> None:  # p
     os.environ.pop("DSNET_BODY", None)
 
 
-SHARES_NOTHING = "tests/tf_dsnet"
-"""Folder whose files may go to different processes."""
+SHARES_NOTHING = ("tests/tf_dsnet", "tests/end_to_end")
+"""Folders whose files may go to different processes."""
 
 
 class FolderScheduling(LoadScopeScheduling):

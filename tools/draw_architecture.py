@@ -3,7 +3,7 @@
     python -m tools.draw_architecture
 
 Folders and what they are for come from `docs/architecture.md`, arrows from the source files. An
-arrow that follows from others is left out. `tests/test_architecture_picture.py` holds the picture
+arrow that follows from others is left out. `tests/test_import_rule.py` holds the picture
 against the tree.
 """
 

@@ -21,15 +21,6 @@ MADE = ("truth", "corpus", "align", "align_robust", "train-ae", "encode", "train
         "infer", "infer_plus", "decode")  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory) -> Path:
-    """With a run made without Ray."""
-    folder = tmp_path_factory.mktemp("cluster")
-    for stage in STAGES:
-        ended_well(start_dsnet(folder, stage, "--profile", "smoke", "--run", "here"))
-    return folder
-
-
 @pytest.fixture
 def nodes() -> Iterator[TwoNodes]:
     # Names of sockets must be short.
@@ -39,18 +30,21 @@ def nodes() -> Iterator[TwoNodes]:
         nodes.close()
 
 
-def test_a_node_killed_while_tissue_is_simulated_changes_no_bit_of_any_stage(runs, nodes):
+def test_a_node_killed_while_tissue_is_simulated_changes_no_bit_of_any_stage(
+    smoke_runs, nodes, tmp_path
+):
     on_nodes = ("--profile", "smoke", "--run", "there", "--engine", "ray")
     on_nodes += ("--address", nodes.address)
     stage, rest = STAGES[0], STAGES[1:]
-    process = start_dsnet(runs, stage, *on_nodes)
-    _wait_for(runs / "there" / ".truth.partial" / "checkpoints", "*.done", process)
+    process = start_dsnet(tmp_path, stage, *on_nodes)
+    _wait_for(tmp_path / "there" / ".truth.partial" / "checkpoints", "*.done", process)
     nodes.kill_one()
     ended_well(process)
     for stage in rest:
-        ended_well(start_dsnet(runs, stage, *on_nodes))
+        ended_well(start_dsnet(tmp_path, stage, *on_nodes))
     for name in MADE:
-        here, there = (read_artifact(runs / run / name) for run in ("here", "there"))
+        here = read_artifact(smoke_runs / "smoke" / name)
+        there = read_artifact(tmp_path / "there" / name)
         assert here.content_sha256 == there.content_sha256, name
 
 

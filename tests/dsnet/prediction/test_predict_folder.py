@@ -222,12 +222,12 @@ def killed_and_resumed(given: Path, out: Path, seconds: list[float], code: str =
 
 
 @pytest.mark.slow
-def test_two_hundred_motions_killed_and_resumed_have_equal_bytes(tmp_path):
-    given = forge(tmp_path / "given", 200, 30)
+def test_sixty_motions_killed_and_resumed_have_equal_bytes(tmp_path):
+    given = forge(tmp_path / "given", 60, 30)
     predict_folder(None, given, tmp_path / "whole")
-    assert killed_and_resumed(given, tmp_path / "killed", [0.3, 6.0, 9.0]) >= 2
+    assert killed_and_resumed(given, tmp_path / "killed", [0.3, 2.0]) >= 1
     whole = tree(tmp_path / "whole")
-    assert len(whole) == 400
+    assert len(whole) == 120
     assert tree(tmp_path / "killed") == whole
 
 

@@ -93,9 +93,9 @@ def test_bodies(round_body):
 
 
 @pytest.mark.slow
-def test_bodies_for_a_quarter_of_an_hour(round_body):
+def test_bodies_for_five_minutes(round_body):
     company = Company(round_body, 60)
-    assert growth_bytes(company.step, 54_000, resident_bytes) < 54_000 * ALLOWED_BYTES
+    assert growth_bytes(company.step, 18_000, resident_bytes) < 18_000 * ALLOWED_BYTES
     assert 1e-3 < company.largest_m < 0.2
 
 
