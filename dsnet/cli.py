@@ -18,7 +18,13 @@ from typing import Any
 from bridge import __version__
 from bridge.errors import unknown_name
 from bridge.processes import exit_with_one_line
-from dsnet.command_line import PROFILES, flowed, options_type, refuse_words_without_name
+from dsnet.command_line import (
+    PROFILES,
+    flowed,
+    options_type,
+    refuse_unreadable,
+    refuse_words_without_name,
+)
 
 COMMANDS = {
     "corpus": ("dsnet.synthetic.stage_corpus", "Make a synthetic corpus in real formats."),
@@ -101,8 +107,10 @@ def _run(command: str, options: list[str], settings: Mapping[str, Any]) -> None:
     if {"-h", "--help"} & {*options}:  # the parser would not break its lines
         print(flowed(type(default).__doc__ or "", columns), end="\n\n")  # noqa: T201
     # What only studies set is `Fixed`: no option.
+    kind = options_type(default, command, profile)
+    refuse_unreadable(command, options, kind)
     parsed = tyro.cli(
-        options_type(default, command, profile),
+        kind,
         args=options,
         prog=f"dsnet {command}",
         description="",

@@ -5,16 +5,17 @@ from __future__ import annotations
 import ast
 import shlex
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
 from functools import partial
 from inspect import cleandoc, getsource
 from itertools import pairwise
 from pathlib import Path
 from textwrap import dedent, fill
-from types import NoneType
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 from bridge.options import Seed
 
 Profile = Literal["smoke", "demo", "paper"]
@@ -76,6 +77,73 @@ def refuse_words_without_name(command: str, options: Sequence[str]) -> None:
         "each after its option",
         f"Run: {shlex.join([*meant, *rest])}",
     )
+
+
+def refuse_unreadable(command: str, options: Sequence[str], kind: type) -> None:
+    """DsnetError for an option that there is not, or for a value that its type cannot hold.
+
+    The parser would answer with a box of many lines, in the words of Python's types.
+    """
+    known: dict[str, Any] = {"--help": bool}
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        if not _is_fixed(hint):
+            flag = f"--{name.replace('_', '-')}"
+            known[flag] = hint
+            if bool in _alternatives(hint):
+                known[f"--no-{flag[2:]}"] = bool
+    for index, word in enumerate(options):
+        flag, equals, value = word.partition("=")
+        flag = flag.replace("_", "-")
+        if not flag.startswith("--") or "." in flag:
+            continue
+        if flag not in known:
+            raise DsnetError(
+                f"{flag} of dsnet {command}, unknown",
+                "one of its options",
+                did_you_mean(flag, known, f"See dsnet {command} --help."),
+            )
+        if bool in _alternatives(known[flag]):
+            continue
+        if not equals:
+            value = next(iter(options[index + 1 : index + 2]), "--")
+        _refuse_value(flag, value, known[flag])
+
+
+def _refuse_value(flag: str, value: str, hint: Any) -> None:
+    """DsnetError unless a value is a number or one of the words that a type allows."""
+    kinds = [one for one in _alternatives(hint) if one is not NoneType]
+    words = [str(word) for one in kinds for word in get_args(one) if get_origin(one) is Literal]
+    numbers = [one for one in kinds if one in (int, float)]
+    if value.startswith("--"):
+        raise DsnetError(f"{flag} without a value", _metavar(hint), f"Pass {flag} VALUE.")
+    if value in words or any(
+        get_origin(one) is not Literal and one not in numbers for one in kinds
+    ):
+        return
+    for number in numbers:
+        with suppress(ValueError):
+            number(value)
+            return
+    expected = [", ".join(words)] if words else []
+    expected += ["a whole number" if one is int else "a number" for one in numbers]
+    remedy = f"Pass {flag} {words[0] if words else 'N'}."
+    raise DsnetError(f"{flag} {value}", " or ".join(expected), did_you_mean(value, words, remedy))
+
+
+def _alternatives(hint: Any) -> list[Any]:
+    """The types that an annotation allows, one level deep: of `float | Literal["auto"]` both."""
+    if get_origin(hint) is Annotated:
+        return _alternatives(hint.__origin__)
+    if get_origin(hint) in (Union, UnionType):
+        return [kind for one in get_args(hint) for kind in _alternatives(one)]
+    return [hint]
+
+
+def _is_fixed(hint: Any) -> bool:
+    """Whether only studies set a field: no option."""
+    from tyro.conf import Fixed
+
+    return get_origin(hint) is Annotated and Fixed[int].__metadata__[0] in hint.__metadata__
 
 
 def options_type(default: Any, command: str, profile: Profile) -> type:
