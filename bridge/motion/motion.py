@@ -64,7 +64,7 @@ def amass_poses(
     return poses.reshape(len(poses), -1), turn.apply(trans_m + root_joint_m) - root_joint_m
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Motion:
     """A motion that a 22-joint body can follow: as a file has it, z up at its rate, or prepared."""
 
@@ -108,13 +108,18 @@ class Motion:
     cuts: tuple[int, ...] = ()
     """The first frame after each cut (`bridge.motion.cuts`). They are found when a motion is made,
     or `replace` gives it another theta."""
-    cuts_of: NDArray[np.floating] | None = field(default=None, repr=False)
+    cuts_of: NDArray[np.floating] | None = None
     """The theta whose cuts these are."""
 
     def __post_init__(self) -> None:
         if self.cuts_of is not self.theta:
             object.__setattr__(self, "cuts", find_cuts(self.theta))
             object.__setattr__(self, "cuts_of", self.theta)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Motion {self.source}: {len(self.theta)} frames at {self.fps:g} fps, {self.gender}>"
+        )
 
     @property
     def pieces(self) -> list[slice]:

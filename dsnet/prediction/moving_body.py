@@ -91,6 +91,9 @@ class MovingBody:
     def __len__(self) -> int:
         return len(self.motion.theta)
 
+    def __repr__(self) -> str:
+        return f"<{self.body.name} performs {self.motion!r}, moved by {self.trained.name}>"
+
     @property
     def body(self) -> BodyModelData:
         return self.trained.body

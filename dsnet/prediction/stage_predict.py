@@ -10,6 +10,7 @@ from pathlib import Path
 
 from bridge.errors import DsnetError, did_you_mean, notify
 from bridge.runs import Artifact
+from bridge.runs.files import MANIFEST
 from dsnet.prediction.controls import Controls
 from dsnet.prediction.predict_folder import predict_folder
 from dsnet.prediction.prediction_files import OF_MANY, OF_ONE, WRITABLE, predict_motion
@@ -63,6 +64,7 @@ def main(config: PredictConfig) -> None:
             write=write,
         )
         return
+    earlier = (config.out / MANIFEST).exists()
     made = predict_motion(
         config.run,
         config.motion,
@@ -71,18 +73,18 @@ def main(config: PredictConfig) -> None:
         controls=config,
         write=write,
     )
-    notify(_what_was_made(made, config))
+    notify(_what_was_made(made, config, ", in place of an earlier prediction" * earlier))
 
 
-def _what_was_made(made: Artifact, config: PredictConfig) -> str:
+def _what_was_made(made: Artifact, config: PredictConfig, earlier: str) -> str:
     """What a prediction wrote, how far its skin moves, and the command that shows it."""
     manifest = made.manifest
     frames, fps = manifest["frames"], manifest["fps"]
     names = ", ".join(sorted(made.digests))
     return (
-        f"wrote {names} to {made.path}: {frames} frames, {frames / fps:.1f} s at {fps:g} fps; the "
-        f"skin moves by at most {manifest['largest_offset_mm']:.1f} mm. To look at it: "
-        f"{shlex.join(_looking_at_it(config, made.path))}"
+        f"wrote {names} to {made.path}{earlier}: {frames} frames, {frames / fps:.1f} s at "
+        f"{fps:g} fps; the skin moves by at most {manifest['largest_offset_mm']:.1f} mm. To look "
+        f"at it: {shlex.join(_looking_at_it(config, made.path))}"
     )
 
 

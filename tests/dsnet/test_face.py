@@ -18,6 +18,13 @@ from tests.sources import ROOT, parsed
 FACES = {"bridge", "dsnet", "tf_dsnet", "torch_align_ae"}
 
 
+def test_a_motion_and_who_performs_it_are_shown_in_a_line() -> None:
+    motion = dsnet.load_motion("sample:walking")
+    assert repr(motion) == "<Motion sample:walking: 240 frames at 60 fps, female>"
+    shown = "<embedded:female performs <Motion sample:walking: 240 frames at 60 fps, female>, moved"
+    assert repr(dsnet.animate(motion)).startswith(shown)
+
+
 def test_a_motion_becomes_arrays(motion: Path) -> None:
     vertices_m, offsets_m = dsnet.animate(dsnet.load_motion(motion)).arrays()
     assert vertices_m.shape == offsets_m.shape == (31, 6890, 3)

@@ -158,6 +158,17 @@ def test_a_neutral_motion_is_told_whose_body_it_gets(capsys):
     assert "embedded:female: --gender male or --body" in capsys.readouterr().err
 
 
+def test_a_motion_without_gender_moves_a_woman_and_says_how_to_move_a_man(tmp_path):
+    path = walk(5, tmp_path / "a.npz")
+    for gender, words in {"unknown": "names no gender: --gender male", "female": ""}.items():
+        with np.load(path) as stored:
+            np.savez(path, **{**stored, "gender": gender})
+        trained, _ = Controls().load(None, None, path)
+        assert trained.body.name == "embedded:female"
+        assert trained.why.partition(", and the motion ")[2].startswith(words)
+        assert bool(words) == ("gender" in trained.why)
+
+
 def test_a_gender_is_asked_for_where_the_file_says_another(body_file, tmp_path, capsys):
     """The body is of it, the betas are still those of the file's."""
     path = walk(5, tmp_path / "a.npz")

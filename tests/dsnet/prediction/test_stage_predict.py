@@ -294,3 +294,6 @@ def test_it_ends_with_what_was_made_and_the_command_that_shows_it(motion, tmp_pa
     assert words == [*shown, *options, "--run", "r"]
     main(words)
     assert page.stat().st_size > 0
+    main(["predict", "--run", "r", "--motion", str(motion), "--out", str(out)])
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert f"to {out}, in place of an earlier prediction: " in last
