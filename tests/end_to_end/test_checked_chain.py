@@ -11,6 +11,7 @@ from numpy.lib.format import open_memmap
 from tests.end_to_end.test_smoke_run import forged_motion
 
 DSNET = ".venv/bin/dsnet"
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +41,6 @@ def test_a_changed_byte_is_named(copied_runs, execute) -> None:
     assert execute([DSNET, "check", "--run", "smoke"], copied_runs).returncode == 0
 
 
-@pytest.mark.slow
 def test_later_stages_refuse_another_autoencoder(copied_runs, execute, tmp_path) -> None:
     again = [DSNET, "train-ae", "--profile", "smoke", "--seed", "1", "--steps", "1"]
     done = execute([*again, "--run", "smoke"], copied_runs)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 import numpy as np
+import pytest
 
 from bridge.body import load_body_model, pose_vertices
 from bridge.motion import sequences_of, subject_rows, unpack_theta
@@ -42,6 +43,7 @@ sys.exit("torch" in sys.modules)
 """
 
 
+@pytest.mark.slow
 def test_a_motion_becomes_vertices_without_pytorch(smoke_runs, execute, tmp_path, monkeypatch):
     monkeypatch.setenv("DSNET_RUNS", str(smoke_runs))
     predicted, decoded = (read_artifact(smoke_runs / "smoke" / s) for s in ("infer", "decode"))

@@ -18,11 +18,12 @@ HOLDS = (
 
 
 @pytest.mark.parametrize(("block", "holds"), [*zip(BLOCKS, HOLDS, strict=True)])
-@pytest.mark.parametrize("model", ["", '"smoke", '])
+@pytest.mark.parametrize("model", ["", pytest.param('"smoke", ', marks=pytest.mark.slow)])
 def test_the_readmes_python_works(
-    smoke_runs: Path, execute, block: str, holds: str, model: str
+    request, tmp_path: Path, execute, block: str, holds: str, model: str
 ) -> None:
     """With the package's model, and with a run's."""
+    runs = request.getfixturevalue("smoke_runs") if model else tmp_path
     code = block.replace("Stream(", f"Stream({model}").replace("(motion, ", f"(motion, {model}")
-    done = execute([sys.executable, "-W", "error", "-c", f"{code}\n{holds}"], smoke_runs)
+    done = execute([sys.executable, "-W", "error", "-c", f"{code}\n{holds}"], runs)
     assert done.returncode == 0, done.stderr

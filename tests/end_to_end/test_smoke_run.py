@@ -31,6 +31,8 @@ STAGES = [
 ]
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
 
+pytestmark = pytest.mark.slow
+
 
 def test_every_stage_left_a_complete_synthetic_artifact(smoke_runs):
     for stage in STAGES:
@@ -58,7 +60,6 @@ def test_report_says_synthetic_and_shows_every_figure(smoke_runs):
     assert len(shown) >= 6
 
 
-@pytest.mark.slow
 def test_a_second_run_makes_nothing_again(smoke_runs, execute):
     manifests = [smoke_runs / "smoke" / stage / "manifest.json" for stage in STAGES]
     before = [path.stat().st_mtime_ns for path in manifests]
@@ -81,9 +82,7 @@ def forged_motion(path: Path) -> Path:
 
 @pytest.mark.licensed
 @pytest.mark.skipif(not SAMPLE.exists(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
-@pytest.mark.parametrize(
-    "asked", [None, pytest.param("dsnet_standardised", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("asked", [None, "dsnet_standardised"])
 def test_predict_reads_a_real_amass_file(smoke_runs, tmp_path, execute, asked):
     out = tmp_path / "out"
     command = ["predict", "--run", "smoke", "--motion", str(SAMPLE), "--out", str(out)]
@@ -154,7 +153,6 @@ def readme_commands() -> list[str]:
     return [line for line in lines if "dsnet" in line and "dsnet view" not in line]  # which serves
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("command", readme_commands())
 def test_the_readmes_own_commands_work(smoke_runs, tmp_path, execute, command):
     folder, out = tmp_path / "motions", tmp_path / "new" / "out"
