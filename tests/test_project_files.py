@@ -32,6 +32,13 @@ def test_the_papers_citation_is_readmes() -> None:
     assert re.findall(r"family-names: (\w+)", cited) == family_names
 
 
+def test_public_ci_runs_readmes_two_commands() -> None:
+    commands = re.findall(r"- run: (.+)", text(".github/workflows/test.yml"))
+    assert commands == ["./reproduce.sh", "./reproduce.sh test"]
+    for command in commands:
+        assert re.search(rf"^{re.escape(command)} +#", text("README.md"), re.MULTILINE)
+
+
 @pytest.mark.parametrize(("name", "path"), sorted(set(LINK.findall(PAGE))))
 def test_contributors_are_led_to_what_is_there(name: str, path: str) -> None:
     assert name in {*defined_names(ROOT / path), Path(path).name}
