@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 __all__ = ["DsnetError", "__version__", "load_motion", "read_artifact", "write_artifact"]
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _LOADED_LATE = {
     "load_motion": "bridge.motion.resampling",
