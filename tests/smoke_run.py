@@ -1,6 +1,6 @@
 """One finished run of the profile `smoke`, made once for all tests that need one.
 
-    DSNET_TEST_RUNS=FOLDER python -m tests.smoke_run    beside linters, say
+DSNET_TEST_RUNS=FOLDER python -m tests.smoke_run    beside linters, say
 """
 
 from __future__ import annotations

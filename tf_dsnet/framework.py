@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, TypeAlias
 
 from bridge.installation import require_packages_of
@@ -18,23 +20,28 @@ os.environ.setdefault("TF_NUM_INTRAOP_THREADS", "1")
 os.environ["KERAS_BACKEND"] = "tensorflow"
 
 
-# While TensorFlow loads, its C++ code logs about oneDNN and CUDA to stderr, before it reads
-# TF_CPP_MIN_LOG_LEVEL. If loading fails, the exception says why.
-sys.stderr.flush()
-_STDERR = os.dup(2)
-with open(os.devnull, "wb") as _nowhere:
-    os.dup2(_nowhere.fileno(), 2)
-try:
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Keep what TensorFlow's C++ code logs from stderr; if it fails, the exception says why."""
+    sys.stderr.flush()
+    stderr = os.dup(2)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+
+
+with quietly():  # about oneDNN and CUDA, before it reads TF_CPP_MIN_LOG_LEVEL
     import keras
     import tensorflow as tf
-finally:
-    os.dup2(_STDERR, 2)
-    os.close(_STDERR)
 
 Tensor: TypeAlias = Any
 """A tensor or an array: TensorFlow's annotations accept neither arrays nor `...` as an index."""
 
-__all__ = ["Tensor", "be_reproducible", "keras", "tf"]
+__all__ = ["Tensor", "be_reproducible", "keras", "quietly", "tf"]
 
 
 def be_reproducible(seed: int) -> None:

@@ -44,8 +44,10 @@ class NetworksPlan:
             received = f"stage {TRAIN!r} of run {run.name!r}, which another process has made anew"
             raise DsnetError(received, "one training at a time", "Run the same command again.")
         for name in self.kept:
-            weights = f"{name}.safetensors"
-            shutil.copyfile(self.earlier.file(weights), writer.file_path(weights))
+            for file in {f"{name}.safetensors", f"{name}.keras"} & self.earlier.manifest[
+                "files"
+            ].keys():
+                shutil.copyfile(self.earlier.file(file), writer.file_path(file))
             for array in (f"{kind}_{name}" for kind in _ARRAYS):
                 unit = self.earlier.manifest["arrays"][array]["unit"]
                 writer.put(array, self.earlier.array(array), unit)

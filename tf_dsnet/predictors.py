@@ -38,6 +38,7 @@ from bridge.plugins import entry_named, with_plugins
 from bridge.runs import Artifact
 from bridge.runs.files import json_sha256
 from tf_dsnet.framework import keras, tf
+from tf_dsnet.keras_files import stock_network
 from tf_dsnet.model import BlockLSTM, assign_weights, build_dsnet, with_own_names
 from tf_dsnet.trainer import Build, DsnetTraining, Trainer
 
@@ -175,6 +176,12 @@ class DsnetPredictor:
         model = self._build_to_train(masked)(input_size=INPUT_SIZE)
         layers = [[type(one).__name__, _without_names(one.get_config())] for one in model.layers]
         return json_sha256(json.loads(json.dumps(layers, default=str)))
+
+    def network(self, arrays: Mapping[str, NDArray]) -> keras.Model:
+        """The trained network (B, T, 79) -> (B, T, 100) of Keras's own layers, from the arrays of
+        `PredictorTraining.arrays`."""
+        trained = TrainedDsnet.from_arrays(self.name, arrays)
+        return stock_network(trained, self.build or build_dsnet)
 
     def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
         trained = TrainedDsnet.from_arrays(self.name, arrays)

@@ -19,7 +19,14 @@ from bridge.runs import ArtifactWriter, Run
 from bridge.runs.run import TRAIN, body_model_path
 from bridge.runs.workers import worker_pool
 from tf_dsnet.kept_networks import plan_networks
-from tf_dsnet.predictors import Predictor, PredictorTraining, TrainingData, predictors_named
+from tf_dsnet.keras_files import save_keras
+from tf_dsnet.predictors import (
+    DsnetPredictor,
+    Predictor,
+    PredictorTraining,
+    TrainingData,
+    predictors_named,
+)
 from tf_dsnet.trainer import DsnetTraining
 
 
@@ -100,7 +107,10 @@ def _store(
 ) -> dict[str, Any]:
     """Write what was learned; gives what the manifest says of the predictor."""
     name, unit = entry.name, "latent unit, summed over frames"
-    save_weights(writer.file_path(f"{name}.safetensors"), training.arrays())
+    arrays = training.arrays()
+    save_weights(writer.file_path(f"{name}.safetensors"), arrays)
+    if isinstance(entry, DsnetPredictor):
+        save_keras(entry.network(arrays), writer.file_path(f"{name}.keras"))
     writer.put(f"loss_{name}", np.array(training.losses, np.float32), unit)
     validation = np.array(training.validation_losses, np.float32)
     writer.put(f"validation_loss_{name}", validation, unit)

@@ -27,7 +27,9 @@ class Format:
     several: bool = False
     """Whether its writer takes several moving bodies: one motion by several predictors."""
     needs_motion: bool = True
-    """Whether it shows a motion; otherwise it holds a predictor and its body, for any motion."""
+    """Whether it shows a motion; otherwise it holds a predictor, for any motion."""
+    of_keras: bool = False
+    """Whether it is made from the `.keras` file of a run's network, by `write(path, file)`."""
 
     @property
     def is_folder(self) -> bool:
@@ -40,8 +42,18 @@ class Format:
         return getattr(import_module(module), name)
 
 
+def _by_keras(function: str, *suffixes: str) -> Format:
+    writer = f"tf_dsnet.keras_files.{function}"
+    return Format(writer, suffixes, "tensorflow", "train", needs_motion=False, of_keras=True)
+
+
 FORMATS = {
     "onnx": Format("dsnet.exporters.onnx_model.export_onnx", (".onnx",), needs_motion=False),
+    "keras": Format(
+        "dsnet.exporters.keras_files.write_keras", (".keras",), needs_motion=False, of_keras=True
+    ),
+    "savedmodel": _by_keras("write_savedmodel"),
+    "tflite": _by_keras("write_tflite", ".tflite"),
     "usd": Format("dsnet.exporters.usd.write", (".usd", ".usdc", ".usda"), "pxr", "usd"),
     "pc2": Format("dsnet.exporters.mesh_files.write_pc2"),
     "mdd": Format("dsnet.exporters.mesh_files.write_mdd"),

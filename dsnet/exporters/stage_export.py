@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Literal
 
 from bridge.errors import DsnetError, notify
-from dsnet.exporters.formats import FORMATS, chosen_format
+from dsnet.exporters.formats import FORMATS, Format, chosen_format
+from dsnet.exporters.keras_files import keras_file
 from dsnet.exporters.onnx_model import export_onnx
 from dsnet.exporters.output import new_path, refuse_existing
 from dsnet.prediction.controls import Controls, controlled_body
@@ -21,11 +22,11 @@ class ExportConfig(Controls):
 
     to: str | None = None
     """Format: usd, pc2, mdd, obj, ply, glb, abc, bvh, npz, npz55, smpl, gif, mp4 or html of a
-    motion; or onnx, the predictor with its body as one graph. docs/export.md says how to open
-    each."""
+    motion. Or of a predictor alone: onnx, with its body as one graph; keras, savedmodel or tflite,
+    a network that Keras trained. docs/export.md says how to open each."""
     motion: Path | None = None
     """Motion file: AMASS `.npz`, BVH and others (docs/motion_files.md), or `sample:walking`; for
-    all formats but onnx."""
+    formats that show one."""
     run: str | None = None
     """Run whose predictor moves the skin, or a folder that `model.save` wrote; by default the small
     packaged model of the motion's gender."""
@@ -57,7 +58,7 @@ def export_as(config: ExportConfig, source: Source) -> None:
         raise DsnetError("export without --out", "a path to write", "Pass --out PATH.")
     chosen = chosen_format(to, out)
     config.check()
-    if chosen.needs_motion and config.precision != "float32":
+    if to != "onnx" and config.precision != "float32":
         raise DsnetError(
             f"--to {to} with --precision {config.precision}",
             "float32: fewer bits are for --to onnx",
@@ -72,7 +73,7 @@ def export_as(config: ExportConfig, source: Source) -> None:
         )
     refuse_existing(out)
     if not chosen.needs_motion:
-        _export_predictor(config, source, out)
+        _export_predictor(config, source, chosen, out)
         return
     moving = _moving_bodies(config, source)
     with new_path(out) as path:
@@ -83,15 +84,20 @@ def export_as(config: ExportConfig, source: Source) -> None:
         chosen.writer()(path, *moving)
 
 
-def _export_predictor(config: ExportConfig, source: Source, out: Path) -> None:
+def _export_predictor(config: ExportConfig, source: Source, chosen: Format, out: Path) -> None:
     if config.motion is not None or config.given().keys() - {"gender"}:
         raise DsnetError(
-            "--to onnx with a motion or its controls",
+            f"--to {config.to} with a motion or its controls",
             "a predictor alone: the graph takes any motion and shape",
             "Leave out --motion, --gain, --betas and the like.",
         )
     trained = config.model(source, next(iter(config.predictor), None))
     notify(f"{trained.name} ({trained.label}) of {trained.owner}: {trained.why}")
+    if chosen.of_keras:
+        network = keras_file(trained)
+        with new_path(out) as path:
+            chosen.writer()(path, network)
+        return
     with new_path(out) as path:
         export_onnx(path, trained, run=name_of(source) or "packaged", precision=config.precision)
 

@@ -98,7 +98,7 @@ class TrainedModel:
         folder passes the file. DsnetError if the folder holds anything else.
         """
         first = next(iter(self.artifacts.values())).manifest
-        wanted = {f"{PLUS}.safetensors", f"{self.name}.safetensors", _CODEC}
+        wanted = {*(f"{n}.safetensors" for n in (PLUS, self.name)), f"{self.name}.keras", _CODEC}
         with open_out_folder(Path(folder), self.origin, PACKAGED) as writer:
             for artifact in self.artifacts.values():
                 for name in sorted(wanted & artifact.manifest["files"].keys()):

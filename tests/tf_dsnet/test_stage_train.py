@@ -52,7 +52,8 @@ def test_stage_leaves_both_predictors(whole_run):
     artifact = read_artifact(whole_run / "train")
     artifact.verify()
     assert not (whole_run / "train_plus").exists()
-    assert set(artifact.manifest["files"]) == {f"{name}.safetensors" for name in BOTH}
+    kinds = "safetensors", "keras"
+    assert set(artifact.manifest["files"]) == {f"{n}.{kind}" for n in BOTH for kind in kinds}
     for name in BOTH:
         assert artifact.array(f"loss_{name}").shape == (5,)
         assert artifact.array(f"validation_loss_{name}").shape == (3,)
