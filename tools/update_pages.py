@@ -1,12 +1,13 @@
 """Write what README and docs/ say of the files in docs/results: blocks, and some whole pages.
 
-    python -m tools.update_pages [NAME ...]                             all of them, or those pages
-    python -m tools.update_pages readme claims speed --run demo         after `./reproduce.sh`
-    python -m tools.update_pages verification --run demo                after `dsnet verify`
+    python -m tools.update_pages [NAME ...]                    all of them, or those pages
+    python -m tools.update_pages readme claims --run demo      after `./reproduce.sh`
+    python -m tools.update_pages speed --run demo              after `python -m benchmarks.speed`
+    python -m tools.update_pages verification --run demo       after `dsnet verify`
 
-With `--run`, `readme` first copies the run's report and bench into docs/results, `verification` the
-table of `dsnet verify`. A block is what stands between `<!-- NAME: written by
-tools/update_pages.py -->` and `<!-- end -->`; `tests/test_pages.py` compares all with docs/results.
+With `--run`, what the run has of the page is first copied into docs/results. A block is what stands
+between `<!-- NAME: written by tools/update_pages.py -->` and `<!-- end -->`; `tests/test_pages.py`
+compares all with docs/results.
 """
 
 from __future__ import annotations
@@ -45,19 +46,23 @@ WRITTEN: Mapping[str, Text | Mapping[str, Text]] = {
 }
 """The text of a page, or of its blocks."""
 PAGES = {Path(page).stem.lower(): page for page in WRITTEN}
-TAKEN = {"readme": readme.take_report, "verification": verification.take_verification}
+TAKEN = {
+    "readme": readme.take_report,
+    "speed": speed.take_bench,
+    "verification": verification.take_verification,
+}
 
 
 def main() -> None:
     """Do what the command line says."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(PAGES))
-    parser.add_argument("--run", help=f"copy from this run first: {' or '.join(TAKEN)}")
+    parser.add_argument("--run", help=f"copy from this run first: {', '.join(TAKEN)}")
     asked = parser.parse_args()
     if unknown := {*asked.names} - {*PAGES}:
         parser.error(f"no page {', '.join(sorted(unknown))}; expected {', '.join(PAGES)}")
     if asked.run and not {*asked.names} & {*TAKEN}:
-        parser.error(f"--run is for {' and '.join(TAKEN)}: name what to copy")
+        parser.error(f"--run is for {', '.join(TAKEN)}: name what to copy")
     for name in asked.names if asked.run else ():
         if name in TAKEN:
             TAKEN[name](Run(asked.run))

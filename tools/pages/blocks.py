@@ -8,6 +8,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from bridge.errors import DsnetError
+from bridge.runs import Run
+
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "docs" / "results"
 
@@ -15,6 +18,16 @@ RESULTS = ROOT / "docs" / "results"
 def load(name: str) -> dict[str, Any]:
     """A committed JSON file, by its path below docs/results without its ending."""
     return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def folder_of(run: Run, name: str) -> Path:
+    """A folder of a finished run, which is there."""
+    folder = run.path / name
+    if not folder.is_dir():
+        raise DsnetError(
+            f"no folder {folder}", f"a run that has {name}/", "Make it, or check the run's name."
+        )
+    return folder
 
 
 def replaced(page: str, name: str, text: str) -> str:

@@ -1,4 +1,4 @@
-"""README: whether the paper holds, what the runs took; and the copies of a run's report."""
+"""README: whether the paper holds, what the runs took; and the copy of a run's report."""
 
 from __future__ import annotations
 
@@ -12,25 +12,21 @@ from benchmarks.claims.claims import claims
 from benchmarks.claims.results import KNOWN, NEW, NEW_UNSEEN, UNSEEN, Results
 from bridge.runs import Run
 from dsnet.report.pages import mesh_score, plus_minus, smpl_name
-from tools.pages.blocks import RESULTS, ROOT, load
+from tools.pages.blocks import RESULTS, ROOT, folder_of, load
 from tools.pages.markers import bust
-
-_KEPT = ("report/report.md", "report/results.json", "report/figures", "bench")
 
 
 def take_report(run: Run) -> None:
-    """Copy a run's report, and its bench if it has one; note what run and environment weigh."""
-    target = RESULTS / run.path.name
+    """Copy a run's report; note what run and environment weigh."""
+    report, target = folder_of(run, "report"), RESULTS / run.path.name
     target.mkdir(parents=True, exist_ok=True)
     runs = (run.path, *run.path.parent.glob(f"{run.path.name}-seed*"))
     disk = {"run": sum(map(_size, runs)), "environment": _size(ROOT / ".venv")}
     (target / "disk.json").write_text(json.dumps(disk) + "\n", encoding="utf-8")
-    for source in (run.path / name for name in _KEPT):
-        if source.is_dir():
-            shutil.rmtree(target / source.name, ignore_errors=True)
-            shutil.copytree(source, target / source.name)
-        elif source.exists():
-            shutil.copy2(source, target / source.name)
+    for name in ("report.md", "results.json"):
+        shutil.copy2(report / name, target / name)
+    shutil.rmtree(target / "figures", ignore_errors=True)
+    shutil.copytree(report / "figures", target / "figures")
 
 
 def _size(folder: Path) -> int:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from tools.pages.blocks import RESULTS, load, table
+from bridge.runs import Run
+from tools.pages.blocks import RESULTS, folder_of, load, table
 
 PARTS = {
     "load": "`dsnet_plus`: load on its nodes",
@@ -44,6 +46,13 @@ CODES = {
     "casas_otaduy": "Casas-Otaduy's network",
 }
 Cells = Mapping[str, Any]
+
+
+def take_bench(run: Run) -> None:
+    """Copy what `python -m benchmarks.speed` measured of a run."""
+    source, target = folder_of(run, "bench"), RESULTS / run.path.name / "bench"
+    shutil.rmtree(target, ignore_errors=True)
+    shutil.copytree(source, target)
 
 
 def page() -> str:
