@@ -1,45 +1,32 @@
-"""Write what was measured of many processes and many sequences: docs/results/scaling/scaling.md.
+"""What was measured of many processes and many sequences.
 
 python -m benchmarks.scaling       # on a quiet machine
 python -m benchmarks.many_sequences --sequences 2500 --frames 4 8
-python -m tools.update_scaling
+python -m benchmarks.many_motions --out docs/results/scaling/many_motions.json
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 from benchmarks.many_sequences import as_page
 from benchmarks.scaling.limits import limits
 from benchmarks.scaling.model import CORES_A_NODE, needs, predicted_and_measured
+from tools.pages.blocks import load, table
 
-FOLDER = Path(__file__).parents[1] / "docs" / "results" / "scaling"
-PAGE = FOLDER / "scaling.md"
 SEQUENCES, FRAMES_EACH = 1_000_000, 321
 """The mean length is that of the paper's corpus."""
 RUNS = 10
 """Into so many the corpus is cut, for comparison: each is below what breaks one."""
 
 
-def main() -> None:
-    """Write the page."""
-    PAGE.write_text(page(load("scaling"), load("many_sequences")), encoding="utf-8")
-
-
-def load(name: str) -> dict[str, Any]:
-    """Committed results."""
-    return json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
-
-
-def page(scaling: dict[str, Any], many: dict[str, Any]) -> str:
-    """Both in Markdown."""
+def page() -> str:
+    """docs/results/scaling/scaling.md."""
+    scaling = load("scaling/scaling")
     return (
-        "# More than one machine: measured\n\nWritten by `python -m tools.update_scaling`; "
+        "# More than one machine: measured\n\nWritten by `python -m tools.update_pages`; "
         f"[what it means](../../scaling.md).\n\n{_measured(scaling)}{_needed(scaling)}\n"
-        f"## Many short sequences\n\n{as_page(many)}"
+        f"## Many short sequences\n\n{as_page(load('scaling/many_sequences'))}"
     )
 
 
@@ -62,13 +49,13 @@ def _measured(scaling: dict[str, Any]) -> str:
     return (
         f"Settings of `{scaling['profile']}`, on {scaling['machine']}. Bytes of a task: read and "
         "written by files, and to and from the process that asks, if a task leaves it.\n\n"
-        + _table("stage | frames | workers | seconds | frames a second | tasks | "
+        + table("stage | frames | workers | seconds | frames a second | tasks | "
                  "seconds a task | kB read | kB written | kB to and fro", rows)
         + "\nWhat a pool takes when there is nothing to do:\n\n"
-        + _table("pool | workers | seconds to begin | ms a task", pools)
+        + table("pool | workers | seconds to begin | ms a task", pools)
         + "\nThe model, drawn through the smallest and the largest corpus with one worker, at "
         "the others:\n\n"
-        + _table("stage | frames | workers | seconds | predicted | error", checked)
+        + table("stage | frames | workers | seconds | predicted | error", checked)
     )  # fmt: skip
 
 
@@ -104,11 +91,11 @@ def _needed(scaling: dict[str, Any]) -> str:
     return (
         f"\n## {SEQUENCES:,} sequences\n\nOf {FRAMES_EACH} frames each, the paper's mean, by the "
         f"same lines; nodes of {CORES_A_NODE} cores as fast as these:\n\n"
-        + _table(
+        + table(
             f"stage | core hours | of these in one process | nodes for a day | as {RUNS} runs", rows
         )
         + "\nWhat breaks, the first first:\n\n"
-        + _table("what | at sequences | remedy", broken)
+        + table("what | at sequences | remedy", broken)
     )
 
 
@@ -116,11 +103,19 @@ def _each(nodes: int | None) -> str:
     return f"{RUNS} x {nodes}" if nodes else "none suffice"
 
 
-def _table(head: str, rows: Iterable[Iterable[Any]]) -> str:
-    lines = [head, "|".join("---:" if i else "---" for i in range(head.count("|") + 1))]
-    lines += [" | ".join(map(str, row)) for row in rows]
-    return "".join(f"| {line} |\n" for line in lines)
-
-
-if __name__ == "__main__":
-    main()
+def many_motions() -> str:
+    """What a folder of all of AMASS's motions takes, for docs/motion_files.md."""
+    found = load("scaling/many_motions")
+    given, floats = found["amass"], found["written"]["offsets"]
+    whole, half = floats["amass"], found["written"]["offsets16"]["amass"]
+    return (
+        f"One core writes {floats['frames_an_hour_and_core'] / 1e6:.1f} million frames an hour. "
+        f"All of AMASS, {given['hours']} hours in {given['motions']:,} motions, would take "
+        f"{whole['core_hours']:.1f} hours of one core, {whole['hours_by_cores']['16']:.2f} on "
+        f"sixteen,\nand {whole['bytes'] / 1e9:.0f} GB, {half['bytes'] / 1e9:.0f} as `offsets16`, "
+        f"which takes {half['core_hours']:.1f} hours of one core "
+        "([measured](results/scaling/many_motions.json) on short folders, by\n"
+        "`python -m benchmarks.many_motions`, and multiplied). More cores, here or in a cluster, "
+        "are faster as long as disks take "
+        f"{whole['bytes_a_second_and_core'] / 1e6:.0f} MB a second\nfor each core.\n"
+    )

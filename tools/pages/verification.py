@@ -1,16 +1,9 @@
-"""Copy a finished `dsnet verify` into docs/results and say in docs/verification.md how it ended.
-
-    python tools/update_verification.py [RUN]       after `dsnet verify --run RUN` (default: demo)
-
-`tests/test_verification_page.py` compares the page with docs/results/verify.
-"""
+"""docs/verification.md: how the last `dsnet verify` ended, and its picture."""
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,44 +17,28 @@ from bridge.runs import Run
 from bridge.runs.artifact import DataOrigin
 from dsnet.pictures.panels import new_figure, save_figure
 from dsnet.report.results import read_parity
+from tools.pages.blocks import RESULTS, load
 
-ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "verification.md"
-KEPT = ROOT / "docs" / "results" / "verify"
 _DIGITS_SHOWN = 7
 _SHADES = ListedColormap(colormaps["YlGnBu"](np.linspace(0.08, 0.75, 2 * _DIGITS_SHOWN)))
 _PARITY_COLOURS = _SHADES.with_extremes(under="#D55E00", bad="#f2f2f2")
 _SHORT = {"float64": "f64", "float32": "f32"}
 Row = Mapping[str, Any]
-MARK = "<!-- outcome: written by tools/update_verification.py -->\n"
 
 
-def main() -> None:
-    """Refresh docs/results/verify and the page's block from runs/<run>/verify."""
-    verified = Run(sys.argv[1] if len(sys.argv) > 1 else "demo").artifact("verify")
-    shutil.rmtree(KEPT, ignore_errors=True)
-    KEPT.mkdir(parents=True)
+def take_verification(run: Run) -> None:
+    """Copy what `dsnet verify` found in a run, and draw it."""
+    verified, target = run.artifact("verify"), RESULTS / "verify"
+    shutil.rmtree(target, ignore_errors=True)
+    target.mkdir(parents=True)
     for name in ("parity.json", "manifest.json"):
-        shutil.copy2(verified.path / name, KEPT / name)
-    draw_parity(KEPT / "parity.png", read_parity(verified), verified.origin)
-    PAGE.write_text(with_outcome(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
-
-
-def load_parity() -> dict[str, Any]:
-    """The committed results."""
-    return json.loads((KEPT / "parity.json").read_text(encoding="utf-8"))
-
-
-def with_outcome(page: str) -> str:
-    """The page's text with its generated block written anew."""
-    head, rest = page.split(MARK)
-    return head + MARK + outcome() + rest[rest.index("<!-- end -->") :]
+        shutil.copy2(verified.path / name, target / name)
+    draw_parity(target / "parity.png", read_parity(verified), verified.origin)
 
 
 def outcome() -> str:
     """How many rows hold; which command made them, on what, in how long."""
-    made = json.loads((KEPT / "manifest.json").read_text(encoding="utf-8"))["provenance"]
-    rows = load_parity()["rows"]
+    made, rows = load("verify/manifest")["provenance"], load("verify/parity")["rows"]
     versions = ", ".join(f"{name} {v}" for name, v in made["versions"].items())
     return (
         f"{sum(row['passed'] for row in rows)} of {len(rows)} rows hold: "
@@ -120,7 +97,3 @@ def digits_to_spare(row: Row) -> float:
     if not row["max_rel"]:
         return float(_DIGITS_SHOWN)
     return math.log10(row["tolerance"] / row["max_rel"])
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,1 @@
+"""What `tools/update_pages.py` writes: each module's functions give the text of a block or page."""
