@@ -66,7 +66,7 @@ class ManySequencesConfig:
     frames: tuple[int, int] = (8, 30)
     """Fewest and most frames of a sequence."""
     out: Path = Path("docs/results/scaling/many_sequences.json")
-    """The results, which `python -m tools.update_scaling` makes a page of."""
+    """The results, which `python -m tools.update_pages scaling` makes a page of."""
     keep: bool = False
     """Keep the runs, which lie below DSNET_RUNS or `runs/`."""
 

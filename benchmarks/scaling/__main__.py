@@ -3,8 +3,8 @@
     python -m benchmarks.scaling                            # on a quiet machine
     python -m benchmarks.scaling --profile smoke --sizes 2 3 4 --out OUT
 
-The first writes docs/results/scaling/scaling.json, which `python -m tools.update_scaling` makes a
-page of; the second shows that it works. Every stage is a process of its own, in a
+The first writes docs/results/scaling/scaling.json, which `python -m tools.update_pages scaling`
+makes a page of; the second shows that it works. Every stage is a process of its own, in a
 folder of runs that is removed at the end.
 """
 

@@ -12,7 +12,7 @@ from bridge.runs import Artifact, ArtifactWriter, Run
 from dsnet.evaluation.evaluation import evaluate_run
 from dsnet.report import stage_report
 from dsnet.report.results import verification
-from tools.update_verification import digits_to_spare, draw_parity
+from tools.pages.verification import digits_to_spare, draw_parity
 
 
 def row(check="dsnet-T1", part="layers", engine="torch", dtype="float64", **changes):
