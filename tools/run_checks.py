@@ -57,7 +57,9 @@ CHECKS = {
 
 def main() -> int:
     """Run them; 1 if one fails."""
-    passed: dict[str, str] = json.loads(PASSED.read_text(encoding="utf-8")) if PASSED.exists() else {}
+    passed: dict[str, str] = (
+        json.loads(PASSED.read_text(encoding="utf-8")) if PASSED.exists() else {}
+    )
     failed = False
     for name, check in CHECKS.items():
         digest = digest_of(check)
