@@ -49,11 +49,6 @@ def _by_keras(function: str, *suffixes: str) -> Format:
 
 FORMATS = {
     "onnx": Format("dsnet.exporters.onnx_model.export_onnx", (".onnx",), needs_motion=False),
-    "keras": Format(
-        "dsnet.exporters.keras_files.write_keras", (".keras",), needs_motion=False, of_keras=True
-    ),
-    "savedmodel": _by_keras("write_savedmodel"),
-    "tflite": _by_keras("write_tflite", ".tflite"),
     "usd": Format("dsnet.exporters.usd.write", (".usd", ".usdc", ".usda"), "pxr", "usd"),
     "pc2": Format("dsnet.exporters.mesh_files.write_pc2"),
     "mdd": Format("dsnet.exporters.mesh_files.write_mdd"),
@@ -70,6 +65,11 @@ FORMATS = {
         "dsnet.exporters.clips.write_mp4", (".mp4",), "imageio_ffmpeg", "clip", several=True
     ),
     "html": Format("dsnet.view.page.write", (".html",), several=True),
+    "keras": Format(
+        "dsnet.exporters.keras_files.write_keras", (".keras",), needs_motion=False, of_keras=True
+    ),
+    "savedmodel": _by_keras("write_savedmodel"),
+    "tflite": _by_keras("write_tflite", ".tflite"),
 }
 
 
