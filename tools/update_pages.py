@@ -26,6 +26,7 @@ from tools.pages.blocks import RESULTS, ROOT, replaced
 Text = Callable[[], str]
 WRITTEN: Mapping[str, Text | Mapping[str, Text]] = {
     "README.md": {"verdict": readme.verdict, "times": readme.times},
+    "dsnet/prediction/packaged/MODEL_CARD.md": {"card": readme.card},
     "docs/claims.md": claims_page,
     "docs/markers.md": {
         "fitted": markers.fitted,
