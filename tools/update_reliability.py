@@ -6,11 +6,10 @@
     python -m tests.fuzz.campaign --inputs 10000 --json docs/results/reliability/fuzz.json
     python -m tests.fuzz.campaign --inputs 5000 --guided \\
         --json docs/results/reliability/fuzz_guided.json
-    python -m benchmarks.full_size
-    python -m benchmarks.checksums --run demo
     python tools/update_reliability.py
 
-`tests/test_reliability_page.py` compares the page with docs/results/reliability.
+What `full_size.json` and `checksums.json` hold was measured at commit b9aa1159, whose commands are
+no longer in the tree. `tests/test_reliability_page.py` compares the page with docs/results/reliability.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Write what was measured of many processes and many sequences: docs/results/scaling/scaling.md.
 
-python -m benchmarks.scaling       # on a quiet machine
-python -m benchmarks.many_sequences --sequences 2500 --frames 4 8
 python -m tools.update_scaling
+
+Both were measured at commit b9aa1159; what measured them is no longer in the tree.
 """
 
 from __future__ import annotations
