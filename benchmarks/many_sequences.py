@@ -22,8 +22,8 @@ def as_page(result: dict[str, Any]) -> str:
     least, most = result["frames"]
     lines = [
         f"Measured at `b9aa1159` by `{result['command']}`, no longer in the tree: smooth "
-        f"functions in place of motions and offsets, {least} to {most} frames a sequence, as little training as "
-        f"a stage allows. CPU seconds beyond the imports; {result['machine']}.",
+        f"functions in place of motions and offsets, {least} to {most} frames a sequence, as "
+        f"little training as a stage allows. CPU seconds beyond the imports; {result['machine']}.",
         "",
         f"| stage | {few:,} sequences [s] | {many:,} sequences [s] | growth "
         "| anonymous memory [MB] | with mapped files [MB] |",
