@@ -17,7 +17,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from benchmarks.claims.__main__ import page as claims_page
-from benchmarks.prediction.noise import streams_table
 from benchmarks.real_motions import markdown as real_table
 from bridge.runs import Run
 from tools.pages import markers, readme, reliability, scaling, speed, verification
@@ -36,9 +35,6 @@ WRITTEN: Mapping[str, Text | Mapping[str, Text]] = {
     "docs/motion_files.md": {
         "many": scaling.many_motions,
         "real": lambda: real_table(RESULTS / "real_motions.json") + "\n",
-    },
-    "docs/prediction.md": {
-        "streams": lambda: streams_table(RESULTS / "prediction" / "noise_streams.json") + "\n"
     },
     "docs/reliability.md": {"counts": reliability.counts},
     "docs/verification.md": {"outcome": verification.outcome},

@@ -8,12 +8,10 @@ kept: a score is a file of its own, and runs are made by `dsnet`, which resumes.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.prediction.comparison_clips import draw_clips
 from benchmarks.prediction.comparison_figures import draw_figures
 from benchmarks.prediction.comparison_page import FIGURES, page
 from benchmarks.prediction.comparison_rivals import commands_of_rivals, with_rivals
@@ -30,7 +28,6 @@ from benchmarks.prediction.corpora import (
     write_index,
 )
 from benchmarks.processes import run_as_process
-from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 
 _INDEX = "comparison.json"
@@ -83,7 +80,6 @@ def main(config: ComparisonConfig) -> dict[str, Any]:
     results = write_index(config.out / _INDEX, "benchmarks.prediction.comparison")
     scores = with_rivals(config.out, read_index(config.out / _INDEX)[0])
     draw_figures(config.out, scores)
-    _draw_clips(config, scores)
     write_text_atomically(page_path(config.out), markdown(config.out))
     return results
 
@@ -122,15 +118,6 @@ def _score(config: ComparisonConfig, corpus: str) -> None:
         if kept is not None:
             found = joined(kept, found, missing, path.name)
         write_text_atomically(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
-
-
-def _draw_clips(config: ComparisonConfig, scores: Sequence[Mapping[str, Any]]) -> None:
-    """Of the first corpus's run, if it is still there: a score is not enough to draw bodies."""
-    path, corpus = config.out / "clips.png", config.corpora[0]
-    run = Run(f"{config.prefix}_{corpus}")
-    shown = [s["over_time"] for s in scores if s["corpus"] == corpus]
-    if not path.exists() and shown and run.finished("evaluate"):
-        draw_clips(path, run, shown[0]["sequence"])
 
 
 if __name__ == "__main__":

@@ -27,8 +27,6 @@ CORPORA: dict[str, tuple[str, ...]] = {
     "male_second": ("--gender", "male", "--tissue", "second"),
 }
 """Options of `dsnet corpus`. docs/prediction.md says what was seen of each law."""
-_DSNETS = ("dsnet_standardised", "dsnet_faithful", "dsnet_differences")
-"""DSNet's that are trained beside `dsnet_plus`."""
 
 
 def check_names(names: Sequence[str], known: Sequence[str], what: str) -> None:
@@ -84,12 +82,10 @@ def prepare_dsnet(run: str, profile: str) -> None:
     dsnet("encode", run, profile)
 
 
-def train_dsnet(
-    run: str, profile: str, seed: int, names: Sequence[str] = _DSNETS, epochs: int | None = None
-) -> None:
+def train_dsnet(run: str, profile: str, seed: int, names: Sequence[str], epochs: int) -> None:
     """The named predictors on the robust aligner's offsets."""
-    length = () if epochs is None else ("--epochs", str(epochs))
-    dsnet("train", run, profile, "--seed", str(seed), *length, "--predictors", *names)
+    effort = ("--seed", str(seed), "--epochs", str(epochs))
+    dsnet("train", run, profile, *effort, "--predictors", *names)
     dsnet("infer", run, profile)
     dsnet("decode", run, profile)
 

@@ -1,8 +1,8 @@
 """`python -m benchmarks.prediction.test_bed --out DIR`: four cells, several tissues, several seeds.
 
 For every corpus, `dsnet_plus` is trained on the robust aligner's offsets with each seed and scored
-against the truth; `--dsnet` trains DSNet beside it, on the same offsets. What is finished is kept:
-a score is a file of its own, and runs are made by `dsnet`, which resumes.
+against the truth; other systems stand beside it in `benchmarks.prediction.comparison`. What is
+finished is kept: a score is a file of its own, and runs are made by `dsnet`, which resumes.
 """
 
 from __future__ import annotations
@@ -17,10 +17,8 @@ from benchmarks.prediction.corpora import (
     CORPORA,
     check_names,
     prepare,
-    prepare_dsnet,
     read_index,
     scores,
-    train_dsnet,
     train_plus,
     write_index,
 )
@@ -37,8 +35,7 @@ _METRICS = {
     "mesh mean mm": ("mesh", "mean_mm", "{:.2f}"),
     "mesh 95 % mm": ("mesh", "p95_mm", "{:.2f}"),
 }
-_SHOWN = ("dsnet_plus", "dsnet_standardised", "dsnet_faithful", "dsnet_differences",
-          "person_mean_best", "smpl_best", "person_mean", "smpl")  # fmt: skip
+_SHOWN = ("dsnet_plus", "person_mean_best", "smpl_best", "person_mean", "smpl")
 _PAGE = """\
 # The test bed: four cells, each tissue, mean over training seeds (synthetic data)
 
@@ -62,8 +59,6 @@ class TestBedConfig:
     """Which corpora: tissue law, form and gender."""
     seeds: tuple[int, ...] = (0, 1, 2)
     """Training seeds."""
-    dsnet: bool = False
-    """Train DSNet beside `dsnet_plus`: minutes more for each seed, and an autoencoder a corpus."""
     profile: str = "demo"
     """Sizes: smoke, demo or paper."""
     amass: Path | None = None
@@ -114,11 +109,7 @@ def _score(config: TestBedConfig, corpus: str) -> None:
             prepare(run, config.profile, corpus, config.amass,
                     amass_fps=config.amass_fps, amass_seconds=config.amass_seconds,
                     amass_smooth_hz=config.amass_smooth_hz)  # fmt: skip
-            if config.dsnet:
-                prepare_dsnet(run, config.profile)
             ready = True
-        if config.dsnet:
-            train_dsnet(run, config.profile, seed)
         train_plus(run, config.profile, seed)
         found = {"corpus": corpus, "seed": seed, **scores(run, config.profile)}
         write_text_atomically(path, json.dumps(found, indent=1, allow_nan=False) + "\n")

@@ -5,23 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
-import pytest
-
 from benchmarks.real_motions import FILES, HUMAN_IK, RealFile, bvh_places, compared, markdown
 from tests.forged.motion_kinds import KINDS
 
 DOCS = Path(__file__).parents[2] / "docs"
 RESULT = DOCS / "results" / "real_motions.json"
-
-
-def test_a_bvh_is_read_by_hand_as_another_library_reads_it(tmp_path):
-    pybvh = pytest.importorskip("pybvh")
-    KINDS[0].read(tmp_path)
-    path = tmp_path / KINDS[0].file
-    other, ours = pybvh.read_bvh_file(str(path)), bvh_places(path)
-    for number, name in enumerate(other.joint_names):
-        np.testing.assert_allclose(ours[name], other.joint_positions()[:, number], atol=1e-6)
 
 
 def test_a_file_that_is_read_wrong_is_seen(tmp_path):
@@ -33,18 +21,6 @@ def test_a_file_that_is_read_wrong_is_seen(tmp_path):
     right, wrong = (compared(path, RealFile("", "", HUMAN_IK, up)) for up in ("y", "z"))
     assert right["limbs_deg"] < 0.01
     assert wrong["limbs_deg"] > 60
-
-
-def test_refused_files_are_left_out_of_the_table_and_counted(tmp_path):
-    found = json.loads(RESULT.read_text(encoding="utf-8"))["files"]
-    found["freebvh.bvh"] = {"origin": "Mixamo", "refused": "why"}
-    found["aitviewer.bvh"] = {"origin": "aitviewer", "refused": "why"}
-    path = tmp_path / "found.json"
-    path.write_text(json.dumps({"files": found}))
-    table = markdown(path)
-    assert "| Mixamo | 3 |" in table
-    assert "aitviewer" not in table
-    assert table.endswith(f"\n\nRefused: 2 of {len(found)}.")
 
 
 def test_the_committed_table_is_that_of_its_numbers_and_meets_the_goal():

@@ -7,12 +7,12 @@ import copy
 import numpy as np
 import pytest
 
-from benchmarks.claims.__main__ import PAGE, counted, page
-from benchmarks.claims.alignment import GAINS, _gains
+from benchmarks.claims.__main__ import PAGE, page
+from benchmarks.claims.alignment import _gains
 from benchmarks.claims.claims import claims
 from benchmarks.claims.data import Reference, r2
-from benchmarks.claims.results import ROOT, Results
-from benchmarks.claims.row import COMMANDS, FAILS, HOLDS, LICENSED, Claim, clearly_less
+from benchmarks.claims.results import Results
+from benchmarks.claims.row import FAILS, HOLDS, Claim, clearly_less
 from bridge.motion import MotionSequence
 
 
@@ -30,18 +30,6 @@ def test_the_page_is_made_of_the_results() -> None:
     assert PAGE.read_text(encoding="utf-8") == page()
 
 
-def test_every_claim_has_place_number_verdict_and_a_command_that_exists(results: Results) -> None:
-    found = all_claims(results)
-    assert len(found) >= 25
-    for row in found.values():
-        assert row.place
-        assert any(letter.isdigit() for letter in row.measured) or row.verdict == LICENSED
-        for source in row.sources:
-            assert (ROOT / "docs" / source).exists()
-            assert source in COMMANDS
-    assert counted(claims(results)).count(",") == 3
-
-
 def test_verdicts_turn_with_the_numbers(results: Results) -> None:
     changed = Results()
     changed.networks = copy.deepcopy(results.networks)
@@ -53,7 +41,6 @@ def test_verdicts_turn_with_the_numbers(results: Results) -> None:
     found = all_claims(changed)
     of_start = next(row for claim, row in found.items() if "initial state" in claim)
     assert of_start.verdict == FAILS
-    assert "0.99" in of_start.measured or "1.00" in of_start.measured
     assert found["More LSTM layers do not improve it"].verdict == HOLDS
 
 
@@ -61,12 +48,6 @@ def test_less_within_the_spread_is_not_clearly_less() -> None:
     assert clearly_less([1.0, 2.0], [3.0, 4.0])
     assert not clearly_less([1.0, 3.0], [1.5, 3.5])
     assert clearly_less([1.0], [1.1])
-
-
-def test_a_study_of_other_data_than_the_runs_is_named(results: Results) -> None:
-    study = results.networks[0]
-    assert not results.of_another_run(study)
-    assert "earlier run" in results.of_another_run({"true_mm": 1.1 * study["true_mm"]})
 
 
 def test_an_error_of_coefficients_is_that_of_the_offsets_they_stand_for() -> None:
@@ -100,9 +81,3 @@ def test_the_best_gain_undoes_what_was_taken_in_proportion() -> None:
     assert found["best_gain"] == 2.0
     assert found["best_r2"] == 1.0
     assert found["r2"]["1"] == pytest.approx(0.75)
-    assert list(found["r2"]) == [f"{gain:g}" for gain in GAINS]
-
-
-def test_the_page_is_on_readmes_first_screen() -> None:
-    first = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Three doors")[0]
-    assert "(docs/claims.md)" in first

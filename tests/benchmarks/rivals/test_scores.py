@@ -1,4 +1,4 @@
-"""A toy rival from a forged run to the comparison's page."""
+"""A toy rival on a forged run: its scores, and on whose clips."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.prediction import comparison
 from benchmarks.prediction.comparison_rivals import rival_path, with_rivals
 from benchmarks.rivals import __main__ as command
 from bridge.body import load_body_model
@@ -77,70 +76,12 @@ def put(stage, arrays, sequences):
     )  # fmt: skip
 
 
-def config(folder, **options):
-    given = {"rival": "halfway", "code": folder, "run": "toy", "out": folder / "out"} | options
-    return command.RivalsConfig(**given)
-
-
-def of_the_comparison(found):
-    """Scores of the comparison on the same clips, where `dsnet_plus` misses a tenth."""
-    nothing = {name: {"r2": 0.0, "rms_mm": 2.0} for name in ("person_mean", "smpl")}
-    nothing["person_mean"]["r2"] = 0.1
-    systems = nothing | {"dsnet_plus": {"r2": 0.99, "rms_mm": 0.2}}
-    return {
-        "corpus": "own", "seed": 0, "profile": "demo", "epochs": 5, "test_bed": found["test_bed"],
-        "labels": {"dsnet_plus": "DSNet+", "person_mean": "mean", "smpl": "SMPL alone"},
-        "cells": dict.fromkeys(CELLS, systems), "systems": {},
-        "sequences": [one | {"errors": systems} for one in found["sequences"]],
-        "over_time": {"sequence": "99001_kicking", "mm": {"true": [1.0] * 9}},
-    }  # fmt: skip
-
-
-def test_a_rival_is_scored_in_the_four_cells_and_gets_a_row(run):
-    found = command.main(config(run))
+def test_a_rival_is_scored_in_the_four_cells_on_the_clips_of_the_comparison(run):
+    found = command.main(command.RivalsConfig("halfway", run, "toy", run / "out"))
     assert found == json.loads(rival_path(run / "out", "own", "halfway").read_text())
     for cell in CELLS:
         assert found["cells"][cell]["halfway"]["r2"] == pytest.approx(0.75, abs=1e-5)
     assert [one["name"] for one in found["sequences"]] == [s.name for s in SEQUENCES[2:]]
-    score = of_the_comparison(found)
-    (merged,) = with_rivals(run / "out", [score])
-    assert merged["over_time"]["mm"]["halfway"] == found["over_time"]["mm"]["halfway"]
-    assert "halfway" not in score["systems"]
-    (run / "out" / "own-0.json").write_text(json.dumps(score))
-    (run / "out" / "comparison.json").write_text(
-        json.dumps({"command": "compare", "scores": ["own-0.json"]})
-    )
-    text = comparison.markdown(run / "out")
-    rows = [line.split(" | ")[0] for line in text.splitlines() if line.startswith("| ")]
-    assert rows == ["| system", "| DSNet+", "| Halfway", "| mean", "| SMPL alone"]
-    assert "| Halfway |  | 0.750 |" in text
-    assert "- **Halfway** (`halfway`): half of it." in text
-    assert "their settings are chosen on the validation clip:\n`python -m benchmarks.rivals" in text
-
-
-@pytest.mark.parametrize(("key", "value"), [("test_bed", {"tissue": "second"}), ("sequences", [])])
-def test_a_rival_on_other_clips_is_refused(run, key, value):
-    score = of_the_comparison(command.main(config(run))) | {key: value}
-    with pytest.raises(DsnetError, match=rf"halfway\.json with other {key} than own-0\.json"):
-        with_rivals(run / "out", [score])
-
-
-def test_a_folder_without_rivals_stays_as_it_is(tmp_path):
-    score = {"corpus": "own", "seed": 0}
-    assert with_rivals(tmp_path, [score]) == [score]
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"rival": "none"}, "rival none; expected some of sds"),
-        ({"corpus": "fourth"}, "corpora fourth; expected some of own"),
-        ({"rival": "sds"}, r"without src/skeleton\.py; expected a checkout"),
-        ({"run": "unmade"}, "unknown run 'unmade'"),
-    ],
-)
-def test_what_is_not_there_is_one_line(run, options, said):
-    with pytest.raises(DsnetError, match=said) as refused:
-        command.main(config(run, **options))
-    assert "\n" not in str(refused.value)
-    assert not (run / "out").exists()
+    other = {"corpus": "own", "seed": 0, "test_bed": found["test_bed"], "sequences": []}
+    with pytest.raises(DsnetError, match=r"halfway\.json with other sequences than own-0\.json"):
+        with_rivals(run / "out", [other])
