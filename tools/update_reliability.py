@@ -9,7 +9,8 @@
     python tools/update_reliability.py
 
 What `full_size.json` and `checksums.json` hold was measured at commit b9aa1159, whose commands are
-no longer in the tree. `tests/test_reliability_page.py` compares the page with docs/results/reliability.
+no longer in the tree. `tests/test_reliability_page.py` compares the page with
+docs/results/reliability.
 """
 
 from __future__ import annotations
