@@ -8,9 +8,8 @@
         --json docs/results/reliability/fuzz_guided.json
     python tools/update_reliability.py
 
-What `full_size.json` and `checksums.json` hold was measured at commit b9aa1159, whose commands are
-no longer in the tree. `tests/test_reliability_page.py` compares the page with
-docs/results/reliability.
+What measured `full_size.json` and `checksums.json` is in commit b9aa1159 and no longer in the
+tree. `tests/test_reliability_page.py` compares the page with docs/results/reliability.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 python -m tools.update_scaling
 
-Both were measured at commit b9aa1159; what measured them is no longer in the tree.
+What measured both is in commit b9aa1159 and no longer in the tree.
 """
 
 from __future__ import annotations
