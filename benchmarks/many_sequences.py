@@ -22,8 +22,9 @@ def as_page(result: dict[str, Any]) -> str:
     least, most = result["frames"]
     lines = [
         f"Measured by `{result['command']}`, of commit `b9aa1159` and no longer in the tree: "
-        f"smooth functions in place of motions and offsets, {least} to {most} frames a sequence, as "
-        f"little training as a stage allows. CPU seconds beyond the imports; {result['machine']}.",
+        f"smooth functions in place of motions and offsets, {least} to {most} frames a sequence, "
+        f"as little training as a stage allows. CPU seconds beyond the imports; "
+        f"{result['machine']}.",
         "",
         f"| stage | {few:,} sequences [s] | {many:,} sequences [s] | growth "
         "| anonymous memory [MB] | with mapped files [MB] |",
