@@ -1,7 +1,7 @@
 """The table of how the stages grow with the number of sequences, where each is short.
 
-Measured at commit `b9aa1159`, where this module still made the corpora and ran the stages: CPU time
-at N and at 2 N sequences, which should double. Where it grows by more than the stored limit, the
+At commit `b9aa1159` this module still made the corpora and ran the stages. It measured CPU time at
+N and at 2 N sequences, which should double. Where it grows by more than the stored limit, the
 row is marked.
 """
 
@@ -21,9 +21,10 @@ def as_page(result: dict[str, Any]) -> str:
     few, many = result["sequences"]
     least, most = result["frames"]
     lines = [
-        f"Measured at `b9aa1159` by `{result['command']}`, no longer in the tree: smooth "
-        f"functions in place of motions and offsets, {least} to {most} frames a sequence, as "
-        f"little training as a stage allows. CPU seconds beyond the imports; {result['machine']}.",
+        f"Measured by `{result['command']}`, of commit `b9aa1159` and no longer in the tree: "
+        f"smooth functions in place of motions and offsets, {least} to {most} frames a sequence, "
+        f"as little training as a stage allows. CPU seconds beyond the imports; "
+        f"{result['machine']}.",
         "",
         f"| stage | {few:,} sequences [s] | {many:,} sequences [s] | growth "
         "| anonymous memory [MB] | with mapped files [MB] |",

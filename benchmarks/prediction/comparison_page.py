@@ -36,7 +36,7 @@ FIGURES = {
     "over_time.png": "Size of the offsets over time under every system",
     "clips.png": "A motion that is new to all: the truth, and several systems",
 }
-"""clips.png was drawn at commit `b9aa1159`; it is shown where it lies."""
+"""clips.png is shown where it lies; commit `b9aa1159` has what drew it."""
 
 
 def page(

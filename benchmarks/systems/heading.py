@@ -12,10 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.systems.kinematics import CHANGE_FRAMES
 from bridge.motion import unpack_theta
-from bridge.paper import N_BETAS, N_JOINTS
-
-ALIGNED_SIZE = N_BETAS + 3 * N_JOINTS + 3 + 1
-"""80: betas, pose, the root's step, its turn."""
+from bridge.paper import N_BETAS
 
 
 def heading_aligned(joined: NDArray) -> NDArray[np.floating]:

@@ -28,8 +28,6 @@ JOINT_NUMBERS = 6
 """Angular velocity and angular acceleration of each other joint."""
 KINEMATICS_SIZE = ROOT_NUMBERS + JOINT_NUMBERS * (N_JOINTS - 1)
 """138: what `kinematics` gives of a frame."""
-ROOT_RATES_SIZE = 12
-"""What `root_rates` gives of a frame."""
 POSE_SIZE = 9 * (N_JOINTS - 1)
 """189: what `deviations_from_rest` gives of a frame."""
 

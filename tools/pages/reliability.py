@@ -7,8 +7,7 @@
     python -m tests.fuzz.campaign --inputs 5000 --guided \\
         --json docs/results/reliability/fuzz_guided.json
 
-What `full_size.json` and `checksums.json` hold was measured at commit b9aa1159; the commands are no
-longer in the tree.
+What measured `full_size.json` and `checksums.json` is in commit b9aa1159 and no longer in the tree.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 An alignment evaluates it hundreds of thousands of times. So it is computed patch by patch, while a
 patch is in the cache, and only sums over vertices are kept for the bones. Automatic differentiation
 gives the same numbers, but in the one thread of a worker takes several times as long: three times
-even patch by patch (`benchmarks.alignment.gradients`), and five times for the bones alone.
+even patch by patch (docs/alignment.md), and five times for the bones alone.
 
 *Skin.* With w_k the weights, T_k = [R_k t_k] the bones' transforms and x the rest vertex, the posed
 vertex less the mesh's is r = sum_k w_k (R_k x + t_k) - s. Of half the squared distance, |r|^2 / 2,

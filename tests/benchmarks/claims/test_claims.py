@@ -12,7 +12,7 @@ from benchmarks.claims.alignment import _gains
 from benchmarks.claims.claims import claims
 from benchmarks.claims.data import Reference, r2
 from benchmarks.claims.results import Results
-from benchmarks.claims.row import FAILS, HOLDS, Claim, clearly_less
+from benchmarks.claims.row import FAILS, HOLDS, Claim
 from bridge.motion import MotionSequence
 
 
@@ -42,12 +42,6 @@ def test_verdicts_turn_with_the_numbers(results: Results) -> None:
     of_start = next(row for claim, row in found.items() if "initial state" in claim)
     assert of_start.verdict == FAILS
     assert found["More LSTM layers do not improve it"].verdict == HOLDS
-
-
-def test_less_within_the_spread_is_not_clearly_less() -> None:
-    assert clearly_less([1.0, 2.0], [3.0, 4.0])
-    assert not clearly_less([1.0, 3.0], [1.5, 3.5])
-    assert clearly_less([1.0], [1.1])
 
 
 def test_an_error_of_coefficients_is_that_of_the_offsets_they_stand_for() -> None:

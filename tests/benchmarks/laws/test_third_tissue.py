@@ -71,21 +71,39 @@ def test_a_column_swings_in_two_modes_of_the_analytic_frequencies(mode):
     np.testing.assert_allclose(frequency_hz, np.sqrt(squares[mode]) / 2 / np.pi, rtol=0.02)
 
 
-def test_a_press_bulges_out_around_and_keeps_its_share_of_volume():
+def flat_patch() -> ThirdTissueParameters:
+    """25 x 25 columns, a centimetre apart."""
     across, along = np.meshgrid(np.arange(25), np.arange(25), indexing="ij")
     flat = 0.01 * np.stack([across, along, 0 * along], -1).reshape(-1, 3)
     corner = (across * 25 + along)[:-1, :-1].reshape(-1, 1)
     faces = np.concatenate([corner + np.array(rest) for rest in ([0, 25, 26], [0, 26, 1])])
-    part = columns(vertex_areas_m2(flat, faces), cotangent_laplacian(flat, faces))
+    return columns(vertex_areas_m2(flat, faces), cotangent_laplacian(flat, faces))
+
+
+def test_energy_without_drive_never_grows():
+    damping = np.full(25 * 25, 100.0)
+    part = replace(flat_patch(), fat_damping_ns_m3=damping, muscle_damping_ns_m3=damping)
+    tissue, rng = ThirdTissue(part), np.random.default_rng(0)
+    offsets = 0.02 + 0.005 * rng.standard_normal((2, 3, 25 * 25))
+    energy = [
+        tissue.potential_j(state.offsets_m[0]) + tissue.kinetic_j(state.velocities_m_s[0])
+        for state in let_go(tissue, offsets, 100)
+    ]
+    assert (np.diff(energy) <= 1e-12).all()
+    assert energy[-1] < 0.2 * energy[0]
+
+
+def test_a_press_bulges_out_around_and_keeps_its_share_of_volume():
+    part = flat_patch()
     tissue, spring = ThirdTissue(part), part.fat_along_n_m3[0]
 
     def held_back(normal):
         skin = np.stack([normal, 0 * normal, 0 * normal])
         return part.areas_m2 * (spring * normal - tissue.sideways(skin)[0])
 
-    press = np.zeros(len(flat))
+    press = np.zeros(25 * 25)
     press[12 * 25 + 12] = -10.0
-    operator = LinearOperator((len(flat),) * 2, matvec=held_back, dtype=float)  # type: ignore
+    operator = LinearOperator((25 * 25,) * 2, matvec=held_back, dtype=float)  # type: ignore
     found, failed = cg(operator, press, rtol=1e-12)
     assert not failed
     assert found.max() > 0 > found[12 * 25 + 12]

@@ -15,7 +15,6 @@ from dsnet.verify.draws import SMALL_WIDTHS
 
 PARTS = ("load", "step", "spread", "decoder", "skinning")
 WHOLE = ("dsnet_plus", "dsnet_plus_int8", "dsnet", "dsnet_int8")
-MEASURED = ["times_moving", "times_multiplying", "ms", "must_move_mb", "operations_move_mb"]
 
 
 def test_every_part_has_its_ratios(tmp_path, monkeypatch):
@@ -29,7 +28,6 @@ def test_every_part_has_its_ratios(tmp_path, monkeypatch):
     found = results["characters_2"]
     assert set(found["frames_per_s"]) == set(WHOLE)
     for name in (*PARTS, *WHOLE):
-        assert list(found[name]) == MEASURED
         assert min(found[name].values()) > 0
         assert found[name]["operations_move_mb"] > found[name]["must_move_mb"]
 

@@ -28,8 +28,6 @@ TINY = TrainConfig(
 )
 RNG = np.random.default_rng(8)
 THETA, BETAS = np.cumsum(RNG.normal(0, 0.05, (30, 69)), axis=0), RNG.normal(size=10)
-
-
 BODY = load_body_model("embedded:female")
 
 
@@ -48,7 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setenv("DSNET_PLUGINS", plugin.__name__)
         patch.setattr(dyna_like, "RIDGES", dyna_like.RIDGES[-1:])
         learn = softsmpl_like.learn_pose_code
-        patch.setattr(softsmpl_like, "learn_pose_code", lambda *told: learn(*told[:2], 20))
+        patch.setattr(softsmpl_like, "learn_pose_code", lambda x, b, _: learn(x, b, 20))
         return train_in(tmp_path_factory.mktemp("compared"), TINY)
 
 

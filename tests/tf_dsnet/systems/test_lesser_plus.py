@@ -25,6 +25,5 @@ def test_what_is_left_out_does_nothing_and_the_rest_is_learned(runs, monkeypatch
         np.testing.assert_allclose(model.weights.base[name], np.log(1e-6), rtol=1e-6)
     assert not model.weights.slopes.any()
     assert np.ptp(model.weights.base["omega"]) > 0
-    assert artifact.manifest["config"]["gravity"] is False
     assert artifact.manifest["static"] == "none"
     assert not model.static.constant_m.any()
