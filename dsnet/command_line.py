@@ -143,7 +143,8 @@ def _is_fixed(hint: Any) -> bool:
     """Whether only studies set a field: no option."""
     from tyro.conf import Fixed
 
-    return get_origin(hint) is Annotated and Fixed[int].__metadata__[0] in hint.__metadata__
+    marked: Any = Fixed[int]
+    return get_origin(hint) is Annotated and marked.__metadata__[0] in hint.__metadata__
 
 
 def options_type(default: Any, command: str, profile: Profile) -> type:

@@ -18,7 +18,7 @@ import numpy as np
 
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import Scaling, TrainedDsnet
-from tf_dsnet.framework import keras, quietly, tf
+from tf_dsnet.framework import Tensor, keras, quietly, tf
 from tf_dsnet.model import assign_weights, build_dsnet, with_own_names
 
 
@@ -93,13 +93,13 @@ def write_tflite(path: Path, saved: Path) -> None:
 def step_network(network: keras.Model) -> keras.Model:
     """The same layers for one frame: from `motion` (1, 79) and states to `latents` and states."""
     chain = _chain(network)
-    value = keras.Input(batch_shape=(1, network.inputs[0].shape[-1]), name="motion")
-    inputs, outputs = [value], {}
+    motion: Tensor = keras.Input(batch_shape=(1, network.inputs[0].shape[-1]), name="motion")
+    inputs, outputs, value = [motion], {}, motion
     for layer in chain:
         if not isinstance(layer, keras.layers.RNN):
             value = keras.ops.squeeze(layer(keras.ops.expand_dims(value, 1)), 1)
             continue
-        states = [
+        states: list[Tensor] = [
             keras.Input(batch_shape=(1, size), name=f"state_{len(outputs) + number}")
             for number, size in enumerate(_state_sizes(layer))
         ]
@@ -118,13 +118,14 @@ def _is_identity(scaling: Scaling) -> bool:
 def _loaded(saved: Path) -> keras.Model:
     """The network in a `.keras` file; DsnetError if it needs classes of its own."""
     try:
-        return keras.models.load_model(saved, compile=False)
+        network: Any = keras.models.load_model(saved, compile=False)
     except (TypeError, ValueError, OSError) as error:
         raise DsnetError(
             f"{saved}, which Keras does not open ({str(error).splitlines()[0][:120]})",
             "a network of Keras's own layers",
             "Import the module of its layers, and load it with keras.models.load_model.",
         ) from error
+    return network
 
 
 def _chain(network: keras.Model) -> list[keras.layers.Layer]:

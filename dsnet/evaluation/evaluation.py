@@ -31,8 +31,9 @@ _TEST_BED = {"tissue": "own", "form": "clean", "gravity": True, "gender": None}
 def evaluate_run(run: Run) -> None:
     """Measure every prediction of a run, with a note about stages that it lacks.
 
-    An artifact that is up to date is kept.
+    An artifact that is up to date is kept. DsnetError where predictions were begun and not ended.
     """
+    run.refuse_interrupted("decode", INFER_PLUS)
     upstream = run.artifacts(*stages_of_pipelines(run))
     pipelines = pipelines_of(upstream)
     origin = pipelines[0].align.artifact.origin

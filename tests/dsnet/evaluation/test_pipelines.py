@@ -227,6 +227,14 @@ def test_without_a_truth_aligned_offsets_are_each_pipelines_own(tmp_path):
     assert errors[PLUS]["offsets"]["r2"] != pytest.approx(0.99, rel=1e-5)
 
 
+def test_half_a_prediction_is_not_evaluated_without(tmp_path):
+    forge(tmp_path / "both", paper=False)
+    write_best_pipeline(tmp_path / "both")
+    (tmp_path / "both" / ".decode.partial").mkdir()
+    with pytest.raises(DsnetError, match="dsnet decode"):
+        evaluate_run(Run("both"))
+
+
 def test_an_older_best_pipeline_is_refused(tmp_path):
     forge(tmp_path / "both")
     write_best_pipeline(tmp_path / "both")
