@@ -21,6 +21,8 @@ from tools.built_wheel import ROOT, asked_by, build_wheel
 
 PYTHON = "3.11"
 OUT = ROOT / "docs" / "results" / "platforms.json"
+ANSWER_S = 300
+"""At most, for one question: an index without metadata of wheels gives all of them."""
 EXTRAS = ("", "train-cpu", "usd", "abc", "clip", "ray")
 PLATFORMS = {
     "Windows, 64 bits": ("win32", "AMD64", ["win_amd64"]),
@@ -64,7 +66,12 @@ def resolves(requires: list[Requirement], tags: list[str]) -> bool | str:
     command += ["--disable-pip-version-check", "--only-binary", ":all:", "--python-version", PYTHON]
     command += ["--target", "nowhere", *(part for tag in tags for part in ("--platform", tag))]
     command += [f"{one.name}{one.specifier}" for one in requires]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=ANSWER_S
+        )
+    except subprocess.TimeoutExpired:
+        return f"no answer in {ANSWER_S} s"
     errors = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
     return True if done.returncode == 0 else (errors or ["?"])[-1].removeprefix("ERROR: ")
 
