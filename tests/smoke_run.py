@@ -17,10 +17,15 @@ from tests.sources import ROOT
 GIVEN = "DSNET_TEST_RUNS"
 """Names the folder that the run is in, or is made in if it is not there yet."""
 
+ONE_CORE = {"OMP_NUM_THREADS": "1"}
+
 
 def execute(command: list[str], runs: Path) -> subprocess.CompletedProcess[str]:
-    """Run a command at the repository's root with a given folder in place of `runs/`."""
-    environment = {**os.environ, "DSNET_RUNS": str(runs)}
+    """Run a command at the repository's root with a given folder in place of `runs/`.
+
+    On one core, as PyTorch splits sums by the number of threads: runs are compared bit by bit.
+    """
+    environment = {**os.environ, "DSNET_RUNS": str(runs), **ONE_CORE}
     return subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
     )

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from tests.smoke_run import ONE_CORE
+
 _NODES = """
 import sys
 from ray.cluster_utils import Cluster
@@ -65,7 +67,7 @@ def start_dsnet(runs: Path, stage: str, *options: str) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        env=os.environ | {"DSNET_RUNS": str(runs)},
+        env=os.environ | {"DSNET_RUNS": str(runs)} | ONE_CORE,
     )
 
 
