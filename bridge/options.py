@@ -61,10 +61,10 @@ def check_options(config: Any) -> None:
             raise DsnetError(f"{flag} {value}", str(bounds), f"Pass {flag} N.")
     for name, hint in get_type_hints(type(config)).items():
         flag, value = f"--{name.replace('_', '-')}", getattr(config, name)
-        words = [word for kind in _kinds(hint) for word in get_args(kind)]
-        if words and value not in words and not isinstance(value, _plain(hint)):
+        words, plain = words_of(alternatives(hint)), _plain(hint)
+        if words and value not in words and not isinstance(value, plain):
             raise unknown_name(f"{flag} {value}", str(value), words, f"Pass {flag} {words[0]}.")
-        is_number = {*_plain(hint)} - {NoneType} in ({int}, {float, int})
+        is_number = {*plain} - {NoneType} in ({int}, {float, int})
         if is_number and isinstance(value, str) and not words:
             raise DsnetError(f"{flag} {value!r}", "a number", f"Pass {flag} N.")
 
@@ -105,18 +105,23 @@ def _numbers(config: Any, prefix: str) -> Iterator[tuple[str, Bounds, float]]:
                 yield flag, bounds, number
 
 
-def _kinds(hint: Any) -> list[Any]:
-    """The alternatives of an annotation that are words, as in `float | Literal["auto"]`."""
-    if get_origin(hint) is Literal:
-        return [hint]
-    alternatives = get_args(hint) if get_origin(hint) in (Union, UnionType) else ()
-    return [one for one in alternatives if get_origin(one) is Literal]
+def alternatives(hint: Any) -> list[Any]:
+    """The types that an annotation allows: of `float | Literal["auto"] | None` all three."""
+    if get_origin(hint) is Annotated:
+        return alternatives(hint.__origin__)
+    if get_origin(hint) in (Union, UnionType):
+        return [kind for one in get_args(hint) for kind in alternatives(one)]
+    return [hint]
+
+
+def words_of(kinds: Iterable[Any]) -> list[str]:
+    """The words that types allow: of `Literal["auto"]` one."""
+    return [word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind)]
 
 
 def _plain(hint: Any) -> tuple[type, ...]:
-    """The other alternatives; a whole number is a number too."""
-    alternatives = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-    plain = tuple(one for one in alternatives if isinstance(one, type))
+    """The alternatives that are no words; a whole number is a number too."""
+    plain = tuple(one for one in alternatives(hint) if isinstance(one, type))
     return (*plain, int) if float in plain else plain
 
 

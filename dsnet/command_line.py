@@ -12,11 +12,11 @@ from inspect import cleandoc, getsource
 from itertools import pairwise
 from pathlib import Path
 from textwrap import dedent, fill
-from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from types import NoneType
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from bridge.errors import DsnetError, did_you_mean
-from bridge.options import Seed
+from bridge.options import Seed, alternatives, words_of
 
 Profile = Literal["smoke", "demo", "paper"]
 PROFILES: tuple[Profile, ...] = get_args(Profile)
@@ -89,7 +89,7 @@ def refuse_unreadable(command: str, options: Sequence[str], kind: type) -> None:
         if not _is_fixed(hint):
             flag = f"--{name.replace('_', '-')}"
             known[flag] = hint
-            if bool in _alternatives(hint):
+            if bool in alternatives(hint):
                 known[f"--no-{flag[2:]}"] = bool
     for index, word in enumerate(options):
         flag, equals, value = word.partition("=")
@@ -102,7 +102,7 @@ def refuse_unreadable(command: str, options: Sequence[str], kind: type) -> None:
                 "one of its options",
                 did_you_mean(flag, known, f"See dsnet {command} --help."),
             )
-        if bool in _alternatives(known[flag]):
+        if bool in alternatives(known[flag]):
             continue
         if not equals:
             value = next(iter(options[index + 1 : index + 2]), "--")
@@ -111,8 +111,8 @@ def refuse_unreadable(command: str, options: Sequence[str], kind: type) -> None:
 
 def _refuse_value(flag: str, value: str, hint: Any) -> None:
     """DsnetError unless a value is a number or one of the words that a type allows."""
-    kinds = [one for one in _alternatives(hint) if one is not NoneType]
-    words = [str(word) for one in kinds for word in get_args(one) if get_origin(one) is Literal]
+    kinds = [one for one in alternatives(hint) if one is not NoneType]
+    words = words_of(kinds)
     numbers = [one for one in kinds if one in (int, float)]
     if value.startswith("--"):
         raise DsnetError(f"{flag} without a value", _metavar(hint), f"Pass {flag} VALUE.")
@@ -128,15 +128,6 @@ def _refuse_value(flag: str, value: str, hint: Any) -> None:
     expected += ["a whole number" if one is int else "a number" for one in numbers]
     remedy = f"Pass {flag} {words[0] if words else 'N'}."
     raise DsnetError(f"{flag} {value}", " or ".join(expected), did_you_mean(value, words, remedy))
-
-
-def _alternatives(hint: Any) -> list[Any]:
-    """The types that an annotation allows, one level deep: of `float | Literal["auto"]` both."""
-    if get_origin(hint) is Annotated:
-        return _alternatives(hint.__origin__)
-    if get_origin(hint) in (Union, UnionType):
-        return [kind for one in get_args(hint) for kind in _alternatives(one)]
-    return [hint]
 
 
 def _is_fixed(hint: Any) -> bool:

@@ -17,6 +17,11 @@ from tests.sources import ROOT
 GIVEN = "DSNET_TEST_RUNS"
 """Names the folder that the run is in, or is made in if it is not there yet."""
 
+ARTIFACTS = (
+    "corpus", "truth", "align", "align_robust", "train-ae", "encode", "train", "train_plus",
+    "infer", "infer_plus", "decode", "evaluate", "report",
+)  # fmt: skip
+"""Folders of a finished run, in the order in which they are made."""
 ONE_CORE = {"OMP_NUM_THREADS": "1"}
 
 

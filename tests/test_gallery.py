@@ -44,6 +44,15 @@ def test_no_recording_but_the_free_one_is_in_the_pages() -> None:
     assert not [name for name in names.values() if not re.match(r"50\d{3}_\w+_poses\.npz$", name)]
 
 
+def test_the_free_recording_is_named_as_its_makers_ask() -> None:
+    page = " ".join((ROOT / "docs" / "gallery.md").read_text(encoding="utf-8").split())
+    for words in (
+        "The data used in this project was obtained from [mocap.cs.cmu.edu]",
+        "The database was created with funding from NSF EIA-0196217.",
+    ):
+        assert words in page
+
+
 def test_others_recordings_go_where_git_does_not_look() -> None:
     assert UNPUBLISHED.relative_to(ROOT).parts[0] == "build"
     assert "build/" in (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()

@@ -6,6 +6,7 @@ import json
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 from bridge.errors import DsnetError, notify
@@ -44,10 +45,9 @@ class NetworksPlan:
             received = f"stage {TRAIN!r} of run {run.name!r}, which another process has made anew"
             raise DsnetError(received, "one training at a time", "Run the same command again.")
         for name in self.kept:
-            for file in {f"{name}.safetensors", f"{name}.keras"} & self.earlier.manifest[
-                "files"
-            ].keys():
-                shutil.copyfile(self.earlier.file(file), writer.file_path(file))
+            for file in self.earlier.manifest["files"]:
+                if Path(file).stem == name:
+                    shutil.copyfile(self.earlier.file(file), writer.file_path(file))
             for array in (f"{kind}_{name}" for kind in _ARRAYS):
                 unit = self.earlier.manifest["arrays"][array]["unit"]
                 writer.put(array, self.earlier.array(array), unit)

@@ -19,7 +19,11 @@ import numpy as np
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import Scaling, TrainedDsnet
 from tf_dsnet.framework import Tensor, keras, quietly, tf
+from tf_dsnet.layers import NoChain, layers_of
 from tf_dsnet.model import assign_weights, build_dsnet, with_own_names
+
+_SCALING = "standardise", "restore"
+"""Names of the first and the last layer, where there is a scaling."""
 
 
 def stock_network(
@@ -36,10 +40,10 @@ def stock_network(
         return network
     normalization = keras.layers.Normalization
     standardise = normalization(
-        mean=scaling.input_mean, variance=scaling.input_std**2, name="standardise"
+        mean=scaling.input_mean, variance=scaling.input_std**2, name=_SCALING[0]
     )
     restore = normalization(
-        mean=scaling.latent_mean, variance=scaling.latent_std**2, invert=True, name="restore"
+        mean=scaling.latent_mean, variance=scaling.latent_std**2, invert=True, name=_SCALING[1]
     )
     motion = keras.Input((None, size), name="motion")
     return keras.Model(motion, restore(network(standardise(motion))), name=trained.name)
@@ -48,15 +52,14 @@ def stock_network(
 def save_keras(network: keras.Model, path: Path) -> None:
     """As `network.save(path)`, with the same bytes each time: Keras writes the date and addresses
     in memory into it."""
-    with tempfile.TemporaryDirectory() as folder:
-        saved = Path(folder) / "network.keras"
-        network.save(saved)
-        with ZipFile(saved) as source, ZipFile(path, "w") as target:
-            for name in sorted(source.namelist()):
-                content = source.read(name)
-                if name.endswith(".json"):
-                    content = json.dumps(_same_each_time(json.loads(content), {})).encode()
-                target.writestr(ZipInfo(name), content)
+    network.save(path)
+    with ZipFile(path) as saved:
+        contents = {name: saved.read(name) for name in sorted(saved.namelist())}
+    with ZipFile(path, "w") as again:
+        for name, content in contents.items():
+            if name.endswith(".json"):
+                content = json.dumps(_same_each_time(json.loads(content), {})).encode()
+            again.writestr(ZipInfo(name), content)
 
 
 def _same_each_time(value: Any, numbers: dict[int, int]) -> Any:
@@ -91,17 +94,20 @@ def write_tflite(path: Path, saved: Path) -> None:
 
 
 def step_network(network: keras.Model) -> keras.Model:
-    """The same layers for one frame: from `motion` (1, 79) and states to `latents` and states."""
-    chain = _chain(network)
+    """The same layers for one frame: from `motion` (1, 79) and states to `latents` and states.
+
+    DsnetError unless they are a chain of layers that see one frame, and remember in states alone.
+    """
     motion: Tensor = keras.Input(batch_shape=(1, network.inputs[0].shape[-1]), name="motion")
     inputs, outputs, value = [motion], {}, motion
-    for layer in chain:
+    for layer in _chain(network):
         if not isinstance(layer, keras.layers.RNN):
             value = keras.ops.squeeze(layer(keras.ops.expand_dims(value, 1)), 1)
             continue
+        sizes = layer.cell.state_size
         states: list[Tensor] = [
             keras.Input(batch_shape=(1, size), name=f"state_{len(outputs) + number}")
-            for number, size in enumerate(_state_sizes(layer))
+            for number, size in enumerate(sizes if isinstance(sizes, (list, tuple)) else [sizes])
         ]
         inputs += states
         value, after = layer.cell(value, states)
@@ -129,19 +135,17 @@ def _loaded(saved: Path) -> keras.Model:
 
 
 def _chain(network: keras.Model) -> list[keras.layers.Layer]:
-    """All layers in their order, those of a network within the network too."""
-    layers = []
-    for layer in network.layers:
-        if isinstance(layer, keras.Model):
-            layers += _chain(layer)
-        elif not isinstance(layer, keras.layers.InputLayer):
-            layers.append(layer)
-    return layers
-
-
-def _state_sizes(layer: keras.layers.Layer) -> list[int]:
-    """Widths of what a recurrent layer remembers from frame to frame."""
-    if not isinstance(layer, keras.layers.RNN):
-        return []
-    sizes = layer.cell.state_size
-    return [*sizes] if isinstance(sizes, (list, tuple)) else [sizes]
+    """All layers in their order, those that scale around those that were trained."""
+    before, trained, after = [], network, []
+    match [one for one in network.layers if not isinstance(one, keras.layers.InputLayer)]:
+        case [first, keras.Model() as inner, last] if (first.name, last.name) == _SCALING:
+            before, trained, after = [first], inner, [last]
+    try:
+        names = [layer.name for layer in layers_of(trained)]
+    except NoChain as reason:
+        raise DsnetError(
+            f"network {network.name!r}, {reason}",
+            "a chain of layers that see a frame at a time",
+            "Export it as keras or savedmodel, which take whole motions.",
+        ) from reason
+    return [*before, *map(trained.get_layer, names), *after]

@@ -170,11 +170,23 @@ class DsnetPredictor:
         return partial(build, **{n: option for n, option in options.items() if n in accepted})
 
     def network_sha256(self, masked: bool) -> str:
-        """Digest of the layers' options of a `build` of one's own; empty for the paper's."""
+        """Digest of the layers' options of a `build` of one's own; empty for the paper's.
+
+        DsnetError if a layer does not tell its options: then Keras cannot save it either.
+        """
         if self.build is None:
             return ""
         model = self._build_to_train(masked)(input_size=INPUT_SIZE)
-        layers = [[type(one).__name__, _without_names(one.get_config())] for one in model.layers]
+        try:
+            layers = [
+                [type(one).__name__, _without_names(one.get_config())] for one in model.layers
+            ]
+        except NotImplementedError as error:
+            raise DsnetError(
+                f"{self.name}, a layer of which does not tell its options",
+                "layers whose `get_config` gives what they were made with",
+                "Write the method, as keras.layers.Layer.get_config says.",
+            ) from error
         return json_sha256(json.loads(json.dumps(layers, default=str)))
 
     def network(self, arrays: Mapping[str, NDArray]) -> keras.Model:

@@ -9,9 +9,11 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from bridge.body import load_paper_body
+from bridge.errors import notify
 from bridge.exchange import save_weights
 from bridge.exchange.dsnet import CodeName, load_unpadded_clips
 from bridge.exchange.train_options import NetworksRecord
@@ -102,6 +104,20 @@ def _due(epoch: int, every: int, epochs: int) -> bool:
     return (epoch + 1) % every == 0 or epoch + 1 == epochs
 
 
+def _save_for_keras(
+    entry: DsnetPredictor, arrays: Mapping[str, NDArray], writer: ArtifactWriter
+) -> None:
+    """Write a `.keras` file of the network, with a note where its own layers cannot be saved."""
+    file = f"{entry.name}.keras"
+    saved = writer.checkpoints / file
+    try:
+        save_keras(entry.network(arrays), saved)
+    except (NotImplementedError, TypeError, ValueError) as reason:
+        notify(f"no {file}, as Keras cannot save the network: {str(reason).strip():.120}")
+    else:
+        saved.replace(writer.file_path(file))
+
+
 def _store(
     entry: Predictor, training: PredictorTraining, config: NetworksRecord, writer: ArtifactWriter
 ) -> dict[str, Any]:
@@ -110,7 +126,7 @@ def _store(
     arrays = training.arrays()
     save_weights(writer.file_path(f"{name}.safetensors"), arrays)
     if isinstance(entry, DsnetPredictor):
-        save_keras(entry.network(arrays), writer.file_path(f"{name}.keras"))
+        _save_for_keras(entry, arrays, writer)
     writer.put(f"loss_{name}", np.array(training.losses, np.float32), unit)
     validation = np.array(training.validation_losses, np.float32)
     writer.put(f"validation_loss_{name}", validation, unit)

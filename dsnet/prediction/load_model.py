@@ -35,6 +35,8 @@ from dsnet.prediction.transfer_cache import body_digest, carried_over
 
 PACKAGED = "packaged-model"
 """Kind of an artifact that holds a model to predict with."""
+NO_RUN = "no --run given"
+"""Why the packaged model moves its own body."""
 _CODEC = "autoencoder.safetensors"
 
 
@@ -195,7 +197,7 @@ def name_of(source: Source) -> str | None:
 def load_model(
     source: Source = None,
     predictor: str | None = None,
-    gender: str = "female",
+    gender: str = "unknown",
     body: str | os.PathLike[str] | None = None,
     kind: str | None = None,
     more_betas: int = 0,
@@ -207,8 +209,7 @@ def load_model(
     source : None or `"female"`, `"male"`: the small model that comes with the package. A run's
         name: what it has trained. A folder that `TrainedModel.save` wrote.
     predictor : which of the run's; the run's best when None.
-    gender : of the packaged model, where `source` does not say; `female` where it is neither, and
-        `unknown` for a motion that names none, which the model's `why` then says.
+    gender : of the packaged model, where `source` does not say; `female` where it is neither.
     body : another body than it was trained on: an SMPL, SMPL-H or SMPL-X model file, or a folder of
         them, from which one of the gender and `kind` is taken (`bridge.motion.Motion`).
     more_betas : shape coefficients after the tenth that the body shall take, if it has them.
@@ -221,7 +222,7 @@ def load_model(
     moved = None if body is None else load_body_model(os.fspath(body), gender, kind)
     if moved is not None:
         genders = (one for one in (moved.gender, gender) if one in EMBEDDED_GENDERS)
-        gender = next(genders, "female")
+        gender = next(genders, "unknown")
     trained = find_model(source, predictor, gender)
     if not trained.trained_on:
         trained = _on_licensed(trained, moved, str(body))
@@ -252,7 +253,7 @@ def packaged_folder(gender: str) -> Path:
 
 
 def find_model(
-    source: Source, predictor: str | None = None, gender: str = "female"
+    source: Source, predictor: str | None = None, gender: str = "unknown"
 ) -> TrainedModel:
     """As `load_model`, on the body that it was trained on; nothing is read yet but manifests."""
     if isinstance(source, TrainedModel):
@@ -264,10 +265,7 @@ def find_model(
             notify(line)
         otherwise = "Train another and name its run: ./reproduce.sh, then --run demo."
         _check_name(predictor, PLUS, "without a run", otherwise)
-        why = "no --run given"
-        if source is None and gender == "unknown":
-            why += ", and the motion names no gender: --gender male for a man"
-        return _of_folder(packaged_folder(taken), why, taken)
+        return _of_folder(packaged_folder(taken), NO_RUN, taken)
     if isinstance(source, Run):
         return _of_run(source, predictor)
     folder = Path(source)

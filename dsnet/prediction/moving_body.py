@@ -24,7 +24,7 @@ from bridge.motion.motion_checks import motion_warnings
 from bridge.paper import N_JOINTS
 from bridge.runs.workers import progress
 from dsnet.markers.bone_pose import flesh_in_pose
-from dsnet.prediction.load_model import TrainedModel
+from dsnet.prediction.load_model import NO_RUN, TrainedModel
 from dsnet.prediction.loops import Loop
 from dsnet.prediction.models import Prediction, decoded, predict_loop, predict_whole
 from dsnet.prediction.shape_space import pelvis_apart_m
@@ -172,8 +172,10 @@ class MovingBody:
 
     def announce(self) -> None:
         """Say on stderr which predictor moves the body, with warnings about the motion."""
-        by = self.trained
-        notify(f"{by.name} ({by.label}) of {by.owner} predicts: {by.why}")
+        by, why = self.trained, self.trained.why
+        if why == NO_RUN and self.motion.gender == "unknown" and "gender" not in self.controls:
+            why += ", and the motion names no gender: --gender male for a man"
+        notify(f"{by.name} ({by.label}) of {by.owner} predicts: {why}")
         for warning in self.warnings():
             notify(warning)
 

@@ -11,6 +11,7 @@ from bridge.body import load_body_model, pose_vertices
 from bridge.motion import sequences_of, subject_rows, unpack_theta
 from bridge.runs import Run, read_artifact
 from bridge.runs.run import body_model_path
+from tests.pages import python_blocks
 
 ALONE = """
 import sys, numpy
@@ -94,6 +95,11 @@ def test_a_runs_networks_open_in_keras_alone(smoke_runs, execute, tmp_path):
         expected = infer.array(f"latents_{name}")[sequence.frames]
         atol = 1e-6 * np.abs(expected).max()
         np.testing.assert_allclose(np.load(files[2]), expected, atol=atol)
+    (tmp_path / "dsnet_faithful.keras").rename(tmp_path / "dsnet.keras")
+    (block,) = [one for one in python_blocks("docs/export.md") if "load_model" in one]
+    code = f"import os\nos.chdir({str(tmp_path)!r})\n{block}\nassert latents.shape == (1, 240, 100)"
+    done = execute([sys.executable, "-I", "-c", code], smoke_runs)
+    assert done.returncode == 0, done.stderr
     for to, out in {"savedmodel": "served", "tflite": "step.tflite"}.items():
         command = [*export[:-1], to, "--out", str(tmp_path / out)]
         done = execute([".venv/bin/dsnet", *command], smoke_runs)

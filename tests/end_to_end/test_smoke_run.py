@@ -14,28 +14,16 @@ from numpy.typing import NDArray
 
 from bridge import paper
 from bridge.runs import read_artifact
+from tests.smoke_run import ARTIFACTS
 
 ROOT = Path(__file__).parents[2]
-STAGES = [
-    "corpus",
-    "truth",
-    "align",
-    "align_robust",
-    "train-ae",
-    "encode",
-    "train",
-    "infer",
-    "decode",
-    "evaluate",
-    "report",
-]
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
 
 pytestmark = pytest.mark.slow
 
 
 def test_every_stage_left_a_complete_synthetic_artifact(smoke_runs):
-    for stage in STAGES:
+    for stage in ARTIFACTS:
         artifact = read_artifact(smoke_runs / "smoke" / stage)
         artifact.verify()
         assert artifact.origin == "synthetic"
@@ -61,7 +49,7 @@ def test_report_says_synthetic_and_shows_every_figure(smoke_runs):
 
 
 def test_a_second_run_makes_nothing_again(smoke_runs, execute):
-    manifests = [smoke_runs / "smoke" / stage / "manifest.json" for stage in STAGES]
+    manifests = [smoke_runs / "smoke" / stage / "manifest.json" for stage in ARTIFACTS]
     before = [path.stat().st_mtime_ns for path in manifests]
     assert execute(["./reproduce.sh", "--profile", "smoke"], smoke_runs).returncode == 0
     assert [path.stat().st_mtime_ns for path in manifests] == before

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bridge import DsnetError
 from bridge.exchange.dsnet import Scaling, TrainedDsnet
 from dsnet.cli import main
 from tf_dsnet.framework import keras, quietly, tf
@@ -102,6 +103,30 @@ def test_networks_of_ones_own_are_stepped_too(trained_dsnet, tmp_path) -> None:
     latents = applied_dsnet(trained, of_two_gates)(MOTION)
     atol = 1e-5 * np.abs(latents).max()
     np.testing.assert_allclose(stepped(tmp_path / "mine.tflite"), latents, atol=atol)
+
+
+def of_neighbours(input_size: int) -> keras.Model:
+    motion = keras.Input((None, input_size))
+    near = keras.layers.Conv1D(8, 3, padding="causal")(motion)
+    return keras.Model(motion, keras.layers.Dense(100)(near))
+
+
+def of_two_ways(input_size: int) -> keras.Model:
+    motion = keras.Input((None, input_size))
+    ways = [keras.layers.Dense(100)(motion), keras.layers.Dense(100)(motion)]
+    return keras.Model(motion, keras.layers.Add()(ways))
+
+
+@pytest.mark.parametrize(("build", "why"), [(of_neighbours, "Conv1D"), (of_two_ways, "follow")])
+def test_layers_that_one_frame_is_not_enough_for_are_refused(
+    build, why, trained_dsnet, tmp_path
+) -> None:
+    weights = named_weights(with_own_names(build(79)))
+    trained = TrainedDsnet("mine", weights, trained_dsnet.scaling)
+    save_keras(stock_network(trained, build), tmp_path / "mine.keras")
+    with pytest.raises(DsnetError, match=rf"'mine', .*{why}.*; expected a chain"):
+        write_tflite(tmp_path / "mine.tflite", tmp_path / "mine.keras")
+    assert not (tmp_path / "mine.tflite").exists()
 
 
 @pytest.mark.parametrize(

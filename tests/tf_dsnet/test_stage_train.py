@@ -212,6 +212,47 @@ def test_a_network_is_trained_again_when_settings_or_layers_change(trained_run, 
     assert epochs == {"dsnet_standardised": 5, "dsnet_faithful": 6, "gru": 5}
 
 
+class Times(keras.layers.Layer):
+    """Multiplies; Keras does not save what is in the set."""
+
+    def __init__(self, by: object) -> None:
+        super().__init__()
+        self.by = by
+
+    def call(self, values):
+        return 2 * values
+
+
+class TellsItsOptions(Times):
+    def get_config(self):
+        return {"by": self.by}
+
+
+@pytest.mark.parametrize("layer", [Times, TellsItsOptions])
+def test_a_network_that_keras_cannot_save_is_refused_or_goes_without_its_file(
+    layer, trained_run, monkeypatch, capsys
+):
+    def build(input_size: int) -> keras.Model:
+        motion = keras.Input((None, input_size))
+        return keras.Model(motion, keras.layers.Dense(100)(layer({2})(motion)))
+
+    own = DsnetPredictor("own", "Own", build=build)
+    entries = {**predictors.registered_predictors(), "own": own}
+    monkeypatch.setattr(predictors, "registered_predictors", lambda: entries)
+    train = replace(TINY, predictors=("own",))
+    before = read_artifact(trained_run / "train").content_sha256
+    if layer is Times:
+        with pytest.raises(DsnetError, match="own, a layer of which does not tell its options"):
+            stage_train.main(train)
+        assert read_artifact(trained_run / "train").content_sha256 == before
+        return
+    stage_train.main(train)
+    assert "no own.keras, as Keras cannot save the network" in capsys.readouterr().err
+    files = read_artifact(trained_run / "train").manifest["files"]
+    assert "own.safetensors" in files
+    assert "own.keras" not in files
+
+
 def test_who_names_all_networks_gives_their_order(trained_run):
     stage_train.main(replace(TINY, predictors=BOTH[::-1]))
     artifact = read_artifact(trained_run / "train")

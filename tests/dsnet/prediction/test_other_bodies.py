@@ -158,15 +158,22 @@ def test_a_neutral_motion_is_told_whose_body_it_gets(capsys):
     assert "embedded:female: --gender male or --body" in capsys.readouterr().err
 
 
-def test_a_motion_without_gender_moves_a_woman_and_says_how_to_move_a_man(tmp_path):
+def test_a_motion_without_gender_moves_a_woman_and_says_how_to_move_a_man(tmp_path, capsys):
     path = walk(5, tmp_path / "a.npz")
-    for gender, words in {"unknown": "names no gender: --gender male", "female": ""}.items():
+    for gender, asked in (("unknown", None), ("unknown", "female"), ("female", None)):
         with np.load(path) as stored:
             np.savez(path, **{**stored, "gender": gender})
-        trained, _ = Controls().load(None, None, path)
-        assert trained.body.name == "embedded:female"
-        assert trained.why.partition(", and the motion ")[2].startswith(words)
-        assert bool(words) == ("gender" in trained.why)
+        controls = Controls(gender=asked)
+        moving = controlled_body(*controls.load(None, None, path), controls)
+        moving.announce()
+        assert moving.body.name == "embedded:female"
+        is_told = "the motion names no gender: --gender male" in capsys.readouterr().err
+        assert is_told == ((gender, asked) == ("unknown", None))
+
+
+def test_a_predictor_alone_has_no_motion_without_a_gender(tmp_path, capsys):
+    main(["export", "--to", "onnx", "--out", str(tmp_path / "body.onnx")])
+    assert "names no gender" not in capsys.readouterr().err
 
 
 def test_a_gender_is_asked_for_where_the_file_says_another(body_file, tmp_path, capsys):
