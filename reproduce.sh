@@ -2,6 +2,7 @@
 # One command from body model to report; see README.md.
 #   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--aligner sgd|robust|both]
 #                  [--seeds N]      (N trainings of the predictors from seeds that follow: 3 in `paper`, else 1)
+#                  [--preset literal|literal_per_coordinate]    (the paper's words alone: run <profile>_<preset>)
 #                  [--gender female|male]              (of the synthetic people; men: run <profile>_male)
 #                  [--engine ray [--address HOST:PORT]]       (on a cluster: docs/scaling.md)
 #                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR [--amass-fps N]] [--dmpl FILE]]  (licensed: docs/data.md)
@@ -102,10 +103,10 @@ existing() {
 
 run_stages() {
     local profile=demo run="" seed=0 seeds="" gender="" corpus=() align=() dyna=() infer=() licensed="" path
-    local aligner="" engine=() train_ae=() train=()
+    local aligner="" preset="" engine=() train_ae=() train=()
     while (($#)); do
         case $1 in
-            --profile | --run | --seed | --seeds | --gender | --aligner | --smpl | --dyna | --amass | --amass-fps | --dmpl | --engine | --address) ;;
+            --profile | --run | --seed | --seeds | --preset | --gender | --aligner | --smpl | --dyna | --amass | --amass-fps | --dmpl | --engine | --address) ;;
             *) refuse "unknown option $1; see ./reproduce.sh --help." ;;
         esac
         [[ -n ${2-} ]] || refuse "$1 needs a value."
@@ -118,6 +119,11 @@ run_stages() {
                 seeds=$2
                 ;;
             --engine | --address) engine+=("$1" "$2") ;;
+            --preset)
+                [[ $2 == literal || $2 == literal_per_coordinate ]] ||
+                    refuse "--preset $2; expected literal or literal_per_coordinate."
+                preset=$2
+                ;;
             --gender)
                 [[ $2 == female || $2 == male ]] || refuse "--gender $2; expected female or male."
                 gender=$2
@@ -158,7 +164,12 @@ run_stages() {
     ((${#dyna[@]})) && align+=(--dyna "${dyna[@]}")
     [[ -n $gender && -n $licensed ]] &&
         refuse "--gender $gender with licensed files; expected one of the two. The body model of --smpl has its gender."
-    [[ -n $run ]] || run=$profile$([[ $gender != male ]] || echo _male)
+    [[ -n $preset && -n $aligner$( ((${#train[@]})) && echo dmpl) ]] &&
+        refuse "--preset $preset with --aligner or --dmpl; expected one of them. The paper's words leave no choice."
+    if [[ -n $preset ]]; then
+        align+=(--aligner sgd) train_ae=(--preset "$preset") train=(--predictors dsnet_faithful)
+    fi
+    [[ -n $run ]] || run=$profile$([[ $gender != male ]] || echo _male)${preset:+_$preset}
     [[ -n $seeds ]] || seeds=$([[ $profile == paper ]] && echo 3 || echo 1)
     ((${#train[@]})) && [[ $aligner != sgd ]] && train+=(dsnet_plus)
     local stage again root=${DSNET_RUNS:-runs}

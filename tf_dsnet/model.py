@@ -49,20 +49,33 @@ def build_dsnet(
     return keras.Model([motion, real] if masked else motion, latents, name="dsnet")
 
 
+@keras.saving.register_keras_serializable("dsnet")
+class SumOfDistances(keras.losses.Loss):
+    """The paper's loss (Section 4.3) for `compile`: `sum_of_distances` of whole batches."""
+
+    def call(self, y_true: Tensor, y_pred: Tensor) -> Tensor:
+        """Of each clip (B,), of latents (B, T, 100); Keras takes their mean."""
+        return tf.reduce_sum(_distances(y_true, y_pred), axis=-1)
+
+
 def sum_of_distances(target: Tensor, predicted: Tensor, real: Tensor | None = None) -> Tensor:
     """The paper's loss (Section 4.3), of latents (B, T, 100).
 
     It is the sum over t of ||predicted_t - target_t||_2, not squared, then the mean over the batch.
-    Only frames that are `real` (B, T) count; when None, all of them do, padding too. The gradient
-    is 0 where a distance is 0.
+    Only frames that are `real` (B, T) count; when None, all of them do, padding too.
     """
-    squared = tf.reduce_sum(tf.square(predicted - target), axis=-1)  # (B, T)
-    nonzero = squared > 0.0
-    # The inner `where` keeps the infinite slope of the square root at 0 out of the gradient.
-    distance = tf.where(nonzero, tf.sqrt(tf.where(nonzero, squared, 1.0)), 0.0)
+    distance = _distances(target, predicted)
     if real is not None:
         distance = tf.where(real, distance, 0.0)
     return tf.reduce_mean(tf.reduce_sum(distance, axis=-1))
+
+
+def _distances(target: Tensor, predicted: Tensor) -> Tensor:
+    """||predicted_t - target_t||_2 (B, T); the gradient is 0 where it is 0."""
+    squared = tf.reduce_sum(tf.square(predicted - target), axis=-1)  # (B, T)
+    nonzero = squared > 0.0
+    # The inner `where` keeps the infinite slope of the square root at 0 out of the gradient.
+    return tf.where(nonzero, tf.sqrt(tf.where(nonzero, squared, 1.0)), 0.0)
 
 
 def with_own_names(model: keras.Model) -> keras.Model:
@@ -116,6 +129,7 @@ def parameter_counts(model: keras.Model) -> dict[str, int]:
     return {"dsnet": int(model.count_params()), "dsnet_trainable": trainable}
 
 
+@keras.saving.register_keras_serializable("dsnet")
 class BlockLSTM(keras.layers.LSTM):
     """`keras.layers.LSTM` computed by TensorFlow's operation `BlockLSTM` where that is possible.
 

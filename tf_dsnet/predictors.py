@@ -23,6 +23,7 @@ from bridge.exchange import load_weights
 from bridge.exchange.dsnet import (
     AUTOENCODER,
     DSNETS,
+    LITERAL_DSNETS,
     CodeName,
     Scaling,
     TrainedDsnet,
@@ -230,7 +231,12 @@ def applied(model: keras.Model, scaling: Scaling) -> Callable[[NDArray], NDArray
 def registered_predictors() -> dict[str, Predictor]:
     """Every predictor by name: the paper's network, and those of plugins."""
     faithful = DsnetPredictor("dsnet_faithful", "DSNet, faithful", standardised=False)
-    builtin: tuple[Predictor, ...] = (DsnetPredictor(), faithful)
+    # On the codes of autoencoders that were trained by the paper's words alone.
+    literal = (
+        DsnetPredictor(name, f"DSNet, {code.replace('_', ' ')}", standardised=False, code=code)
+        for code, name in LITERAL_DSNETS.items()
+    )
+    builtin: tuple[Predictor, ...] = (DsnetPredictor(), faithful, *literal)
     return with_plugins("predictors", {entry.name: entry for entry in builtin})
 
 

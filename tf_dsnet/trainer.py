@@ -15,6 +15,7 @@ from bridge.errors import DsnetError
 from bridge.exchange.dsnet import Clips, Scaling, TrainedDsnet
 from bridge.exchange.layers import layers_as_json
 from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
+from tf_dsnet.clip_batches import batches_of_epoch
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.layers import NoChain, layers_of
 from tf_dsnet.model import (
@@ -80,9 +81,7 @@ class Trainer:
 
     def epoch(self, number: int) -> float:
         """Train on every clip once, in an order drawn for this epoch; gives the mean loss."""
-        count = len(self._clips)
-        order = np.random.default_rng([self._seed, number]).permutation(count)
-        batches = np.split(order, range(self._batch_size, count, self._batch_size))
+        batches = batches_of_epoch(len(self._clips), self._batch_size, self._seed, number)
         losses = [self._step(_batch(self._clips, rows)) for rows in batches]
         return float(np.average([loss.numpy() for loss in losses], weights=[*map(len, batches)]))
 

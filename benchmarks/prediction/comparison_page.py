@@ -150,5 +150,6 @@ def _wins(scores: Sequence[Mapping[str, Any]], cell: str) -> bool:
 
 def _described(score: Mapping[str, Any]) -> Iterator[str]:
     for name, entry in score["systems"].items():
-        clauses = "; ".join(entry["departures"]) or "the paper's words and nothing else"
+        as_paper = "DSNet by the paper's words; its latents are the run's autoencoder's"
+        clauses = "; ".join(entry["departures"]) or as_paper
         yield f"- **{entry['label']}** (`{name}`): {clauses}."

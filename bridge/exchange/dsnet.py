@@ -19,18 +19,26 @@ from bridge.motion.sequences import Split
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS
 from bridge.runs import Artifact
 
-CodeName = Literal["autoencoder", "pca", "dmpl"]
+CodeName = Literal["autoencoder", "literal", "literal_per_coordinate", "pca", "dmpl"]
 AUTOENCODER: CodeName = "autoencoder"
-"""The paper's: the mesh autoencoder's latents."""
+"""The mesh autoencoder's latents, trained as the run says."""
+LITERAL_CODES: tuple[CodeName, ...] = ("literal", "literal_per_coordinate")
+"""The same network's, trained by the paper's words alone, in both readings of 'within [-1, 1]'."""
 PCA: CodeName = "pca"
 """Coefficients in metres of the leading principal components, as many as the latents are; distances
 between them are distances between offsets."""
 DMPL: CodeName = "dmpl"
 """Coefficients in metres of DMPL's released directions, made orthonormal in their order; only in
 runs that were given the licensed file."""
-LATENTS_OF: dict[CodeName, str] = {AUTOENCODER: "latents", PCA: "latents_pca", DMPL: "latents_dmpl"}
+LATENTS_OF: dict[CodeName, str] = {
+    AUTOENCODER: "latents",
+    **{code: f"latents_{code}" for code in (*LITERAL_CODES, PCA, DMPL)},
+}
 """Array of the `encode` artifact that holds a code's latents."""
-UNITS: dict[CodeName, str] = {AUTOENCODER: "1", PCA: "m", DMPL: "m"}
+UNITS: dict[CodeName, str] = {
+    **dict.fromkeys((AUTOENCODER, *LITERAL_CODES), "1"),
+    **dict.fromkeys((PCA, DMPL), "m"),
+}
 """Of a code's latents."""
 LINEAR_FILES: dict[CodeName, str] = {PCA: "pca.safetensors", DMPL: "dmpl.safetensors"}
 """Of the `train-ae` artifact: `components` (K, V * 3), `mean_m` (V, 3)."""
@@ -38,6 +46,8 @@ LINEAR_FILES: dict[CodeName, str] = {PCA: "pca.safetensors", DMPL: "dmpl.safeten
 _SCALING = "scaling/"
 DSNETS = ("dsnet_standardised", "dsnet_faithful")
 """The paper's network as predictors; runs of before layers were recorded hold no others."""
+LITERAL_DSNETS: dict[CodeName, str] = {code: f"dsnet_{code}" for code in LITERAL_CODES}
+"""The paper's network on the codes that its words alone give, by code."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +233,8 @@ def load_trained_dsnet(train: Artifact, name: str | None = None) -> TrainedDsnet
     check_trained(train, chosen)
     layers = _layers_of(train, chosen)
     if layers is None:
-        reason = train.manifest["predictors"][chosen].get("no_chain", "which is not DSNet")
+        entry = train.manifest["predictors"][chosen]
+        reason = entry.get("no_chain", "which is not DSNet on the autoencoder's latents")
         raise DsnetError(
             f"predictor {chosen!r}, {reason}",
             f"one of {', '.join(dsnets_of(train)) or '(none was trained)'}",

@@ -24,7 +24,7 @@ class PredictorSettings:
     batch_size: Fixed[PositiveInt] = 16
     """Sequences in a batch (paper: 16)."""
     lr_faithful: Fixed[PositiveFloat] = 1e-4
-    """Adam's learning rate for `dsnet_faithful` (paper: 0.0001)."""
+    """Adam's learning rate for `dsnet_faithful` and `dsnet_literal` (paper: 0.0001)."""
     lr_standardised: Fixed[PositiveFloat] = 1e-3
     """Adam's learning rate for `dsnet_standardised`; a departure where it is not 0.0001."""
     masked: Fixed[bool] = False
@@ -40,6 +40,8 @@ class NetworksRecord(PredictorSettings):
     predictors: tuple[str, ...] = ()
     """Predictors to train; by default all that the run has data for. `dsnet_faithful`: raw inputs
     and latents. `dsnet_standardised`: both standardised, of which the paper says nothing.
+    `dsnet_literal`, `dsnet_literal_per_coordinate`: `dsnet_faithful` on latents of an autoencoder
+    that was trained by the paper's words alone.
     `dsnet_plus`: oscillators on the skin, trained on offsets of the robust aligner. Others come
     from the modules that DSNET_PLUGINS names. Networks that the run has trained on the same latents
     are kept beside them; `report` shows the first one."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.exchange.dsnet import LITERAL_DSNETS
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.runs import Artifact, Run
 from bridge.runs.run import INFER, INFER_PLUS
@@ -93,9 +94,10 @@ class Pipeline:
 
     @property
     def predictors(self) -> dict[str, str]:
-        """Labels of the predictors by name, the default first."""
+        """Labels of the predictors by name: the paper's words alone first, then the default."""
         labels: dict[str, str] = self.offsets.artifact.manifest["predictors"]
-        return {self.default: labels[self.default]} | labels
+        first = [name for name in LITERAL_DSNETS.values() if name in labels]
+        return {name: labels[name] for name in (*first, self.default, *labels)}
 
     def predicted_m(
         self, predictor: str, name: str, frames: slice | NDArray, vertices: slice = slice(None)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bridge.exchange import load_weights
+from bridge.exchange.dsnet import LITERAL_CODES
 from bridge.exchange.train_options import settings_of
 from bridge.motion import sequences_of
 from bridge.motion.sequences import is_real_motion
@@ -184,7 +185,12 @@ def _autoencoder(stages: Stages) -> dict[str, Measured]:
     share = 100 * counts["autoencoder"] / counts["casas_otaduy"]
     frames = f"floor(0.7 n) and the rest of this run's {train + validation:,} meshes"
     standard = "values leave [-1, 1]: see `autoencoder` under departures"
-    literal = trained["normalisation"] == "global_maximum"
+    literal = trained["preset"] in LITERAL_CODES
+    rate = trained["learning_rate"]
+    if trained.get("cosine_decay"):
+        rate, varies = f"at most {rate:.4g}", "rises and falls: see `autoencoder` under departures"
+    else:
+        varies = _SET
     # Count linear, convolutional and last linear layers in the weights file.
     names = load_weights(stages["train-ae"].file("autoencoder.safetensors"))
     kinds = ("model.encoder.linear", "model.encoder.conv", "model.to_latent")
@@ -203,7 +209,7 @@ def _autoencoder(stages: Stages) -> dict[str, Measured]:
         "ae_train_share": Measured(round(100 * train / (train + validation)), frames),
         "ae_input_range": Measured((-1, 1)) if literal else Measured(None, standard),
         "ae_batch": Measured(manifest["config"]["batch_size"], _SET),
-        "ae_lr": Measured(trained["learning_rate"], _SET),
+        "ae_lr": Measured(rate, varies),
         "ae_epochs": Measured(round(trained["steps_taken"] / steps_an_epoch, 1)),
         "ae_r2": Measured(round(trained["r2_validation"], 4)),
     }

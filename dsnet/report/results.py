@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bridge.errors import notify
+from bridge.exchange.dsnet import AUTOENCODER, LITERAL_CODES
 from bridge.exchange.train_options import settings_of
 from bridge.motion import sequences_of
 from bridge.motion.splits import CELLS, kind_of
@@ -83,7 +84,10 @@ def _paper_pipeline(stages: Stages, gender: str) -> dict[str, Any]:
         "autoencoder": {
             "training": trained | {"error_fall": fall},
             "pca": train_ae["pca"],
-            "comparisons": train_ae.get("comparisons", []),
+            "comparisons": [
+                *(train_ae[code] for code in LITERAL_CODES if code in train_ae),
+                *train_ae.get("comparisons", []),
+            ],
         },
         "paper": compare(measure(stages, gender)),
     }
@@ -117,8 +121,9 @@ def departures(stages: Stages) -> list[str]:
     """Where the run departs from the paper, as its training stages recorded it."""
     texts: list[str] = []
     if "train-ae" in stages:
-        trained = stages["train-ae"].manifest["autoencoder"]
-        texts += [f"autoencoder: {text}" for text in trained.get("departures", ())]
+        train_ae = stages["train-ae"].manifest
+        for code in (AUTOENCODER, *LITERAL_CODES):
+            texts += [f"`{code}`: {text}" for text in train_ae.get(code, {}).get("departures", ())]
     for stage in ("train", TRAIN_PLUS):
         if stage in stages:
             for name, one in stages[stage].manifest["predictors"].items():

@@ -9,7 +9,7 @@ from typing import Any
 from tyro.conf import Fixed
 
 from bridge.errors import DsnetError, notify
-from bridge.exchange.dsnet import DSNETS
+from bridge.exchange.dsnet import DSNETS, LATENTS_OF, LITERAL_DSNETS
 from bridge.exchange.train_options import NetworksRecord, TrainPlusConfig
 from bridge.installation import require_packages_of
 from bridge.options import PositiveInt
@@ -85,13 +85,12 @@ def plus_config(config: TrainConfig) -> TrainPlusConfig:
 
 def _trainable(run: Run) -> list[str]:
     """The product's predictors that the run can train; a pipeline that it began is not left out."""
-    if run.finished(ALIGNMENT):
-        run.artifact("encode")
-    if run.finished("encode") and best_alignment_of(run):
-        return [*DSNETS, PLUS]
-    if best_alignment_of(run):
+    has_plus = best_alignment_of(run)
+    if has_plus and not run.finished(ALIGNMENT) and not run.finished("encode"):
         notify(f"left out: {', '.join(DSNETS)}, which needs 'encode'")
         return [PLUS]
-    run.artifact("encode")  # says what to run
-    notify(f"left out: {PLUS}, which needs an alignment by the robust aligner")
-    return [*DSNETS]
+    there = run.artifact("encode").manifest["arrays"]  # or says what to run
+    literal = [name for code, name in LITERAL_DSNETS.items() if LATENTS_OF[code] in there]
+    if not has_plus:
+        notify(f"left out: {PLUS}, which needs an alignment by the robust aligner")
+    return [*DSNETS, *literal, *([PLUS] if has_plus else [])]

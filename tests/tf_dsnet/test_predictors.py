@@ -49,7 +49,7 @@ def test_it_is_trained_and_predicts(encoded_run, tmp_path, monkeypatch):
     assert predicted.manifest["predictors"]["mine"] == "DSNet of mine"
     assert predicted.array("latents_mine").shape == (195, 100)
     monkeypatch.delenv("DSNET_PLUGINS")
-    said = r"predictor mine; expected one of dsnet_standardised, dsnet_faithful\. .*DSNET_PLUGINS"
+    said = r"predictor mine; expected one of dsnet_standardised, dsnet_faithful, .*DSNET_PLUGINS"
     with pytest.raises(DsnetError, match=said):
         stage_infer.main(InferConfig("tiny"))
 

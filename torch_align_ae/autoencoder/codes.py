@@ -14,18 +14,22 @@ from torch import Tensor, nn
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights, save_weights
-from bridge.exchange.dsnet import AUTOENCODER, LINEAR_FILES, CodeName
+from bridge.exchange.dsnet import AUTOENCODER, LINEAR_FILES, LITERAL_CODES, CodeName
 from bridge.exchange.weights import check_shapes
 from bridge.motion.splits import chunks
 from bridge.runs import Artifact
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 
-WEIGHTS_FILE = "autoencoder.safetensors"
-NormalisationName = Literal["global_maximum", "standard"]
+NormalisationName = Literal["global_maximum", "coordinate_range", "standard"]
 _BATCH = 64
 # Without a least scale, coordinates that hardly move would be scaled up to mere noise.
 _SMALLEST_SCALE_M = 1e-4
 _SPARE_DIRECTIONS, _PASSES = 20, 3
+
+
+def weights_file(code: CodeName) -> str:
+    """File of a trained autoencoder's weights in a `train-ae` artifact."""
+    return f"{code}.safetensors"
 
 
 class Normaliser(nn.Module):
@@ -56,25 +60,32 @@ def fit_normaliser(
     learned:
 
     `global_maximum`
-        Divide by the largest coordinate of all, the plainest reading.
+        Divide by the largest coordinate of all; zero stays zero.
+    `coordinate_range`
+        Map each coordinate of each vertex from its own least and largest value to -1 and 1.
     `standard`
         Subtract the mean and divide by one standard deviation; values leave [-1, 1]. The mean
         squared error is then that of the offsets, up to a constant factor.
     """
     total = np.zeros(offsets_m.shape[1:])
-    squares = largest = 0.0
+    squares = 0.0
+    least, largest = np.full_like(total, np.inf), np.full_like(total, -np.inf)
     for part in chunks(offsets_m, frames):
         total += part.sum(axis=0, dtype=np.float64)
         squares += float(np.square(part, dtype=np.float64).sum())
-        largest = max(largest, float(np.abs(part).max()))
-    mean, scale_m = total / len(frames), largest
+        least = np.minimum(least, part.min(axis=0))
+        largest = np.maximum(largest, part.max(axis=0))
+    zero = np.zeros_like(total)
     if name == "standard":
-        variance = squares / (len(frames) * total.size) - np.square(mean).mean()
-        scale_m = np.sqrt(max(variance, 0.0))
+        zero = total / len(frames)
+        variance = squares / (len(frames) * total.size) - np.square(zero).mean()
+        scale = np.full_like(zero, np.sqrt(max(variance, 0.0)))
+    elif name == "coordinate_range":
+        zero, scale = (largest + least) / 2, (largest - least) / 2
     else:
-        mean = np.zeros_like(mean)
-    scale = np.full_like(mean, max(scale_m, _SMALLEST_SCALE_M))
-    return Normaliser(*(torch.from_numpy(part.astype(np.float32)) for part in (mean, scale)))
+        scale = np.full_like(zero, max(-least.min(), largest.max()))
+    scale = np.maximum(scale, _SMALLEST_SCALE_M)
+    return Normaliser(*(torch.from_numpy(part.astype(np.float32)) for part in (zero, scale)))
 
 
 class Codec(nn.Module):
@@ -206,11 +217,15 @@ def reconstruction_r2(
 
 def load_codec(artifact: Artifact) -> Codec:
     """The autoencoder of a finished `train-ae`."""
-    return read_codec(artifact.file(WEIGHTS_FILE), artifact.manifest["architecture"])
+    return read_codec(artifact.file(weights_file(AUTOENCODER)), artifact.manifest["architecture"])
 
 
 def load_codecs(artifact: Artifact) -> dict[CodeName, OffsetCodec]:
+    """Every code of a finished `train-ae`."""
     codecs: dict[CodeName, OffsetCodec] = {AUTOENCODER: load_codec(artifact)}
+    for code in LITERAL_CODES:
+        if (name := weights_file(code)) in artifact.manifest["files"]:
+            codecs[code] = read_codec(artifact.file(name), artifact.manifest["architecture"])
     for code, name in LINEAR_FILES.items():
         if name in artifact.manifest["files"]:
             path = artifact.file(name)

@@ -80,7 +80,7 @@ def test_weights_of_another_network_are_one_line(codec, tmp_path, damage):
     assert "\n" not in str(caught.value)
 
 
-READINGS = ("global_maximum", "standard")
+READINGS = ("global_maximum", "coordinate_range", "standard")
 
 
 @pytest.fixture(scope="module")

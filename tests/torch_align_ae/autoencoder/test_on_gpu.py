@@ -15,7 +15,6 @@ from bridge.paper import INFERRED_WIDTHS
 from bridge.runs import Run, read_artifact
 from tests.torch_align_ae.autoencoder.test_stages import CONFIG, leave_align
 from tests.torch_align_ae.autoencoder.test_training import smooth_offsets, training
-from torch_align_ae.autoencoder.codes import WEIGHTS_FILE
 from torch_align_ae.autoencoder.training import TrainingPlan
 
 pytestmark = [
@@ -51,7 +50,7 @@ def trained(tmp_path_factory):
             command = [*DSNET, "train-ae", "--steps", str(CONFIG.steps), "--run", name]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             assert done.returncode == 0, done.stderr
-            weights[name] = load_weights(Run(name).path / "train-ae" / WEIGHTS_FILE)
+            weights[name] = load_weights(Run(name).path / "train-ae" / "autoencoder.safetensors")
         yield folder, weights
 
 

@@ -6,22 +6,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from bridge import DsnetError
 from bridge.exchange import load_weights
+from bridge.exchange.dsnet import LATENTS_OF, LITERAL_CODES
 from bridge.motion import MotionSequence, sequences_of, to_manifest
+from bridge.motion.splits import split_frames
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.artifact import DataOrigin
 from tests.forged.dmpl import forged_directions, save_dmpl
 from torch_align_ae.autoencoder import stage_decode, stage_encode, stage_train_ae
-from torch_align_ae.autoencoder.codes import WEIGHTS_FILE, load_codec, load_codecs
+from torch_align_ae.autoencoder.codes import Codec, load_codec, load_codecs
 from torch_align_ae.autoencoder.stage_encode import EncodeConfig
 from torch_align_ae.autoencoder.stage_train_ae import TrainAutoencoderConfig
 
 NAMES = [("s1", "hop"), ("s1", "run"), ("s1", "jump"), ("s2", "hop"), ("s2", "run")]
 SPLITS = ["train", "train", "validation", "train", "train"]
 LENGTH = 8
-CONFIG = TrainAutoencoderConfig(run="r", steps=2, batch_size=16, patience=0)
+CONFIG = TrainAutoencoderConfig(run="r", steps=2, batch_size=16, patience=0, literal_steps=0)
+AS_RUN = replace(CONFIG, literal_steps=1)
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +33,7 @@ def run(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSNET_RUNS", str(tmp_path_factory.mktemp("runs")))
         leave_align(Run("r"))
-        stage_train_ae.main(CONFIG)
+        stage_train_ae.main(AS_RUN)
         stage_encode.main(EncodeConfig(run="r"))
         _write_prediction(Run("r"))
         stage_decode.main(stage_decode.DecodeConfig(run="r"))
@@ -105,18 +109,37 @@ def test_the_processor_decides_the_precision_unless_told(run, monkeypatch):
     assert rounded[1] == pytest.approx(exact[0][1], abs=1e-3)  # of offsets of unit variance
 
 
+@pytest.mark.parametrize("code", LITERAL_CODES)
+def test_beside_it_stands_the_same_network_by_the_papers_words_alone(run, code):
+    trained, encode = run.artifact("train-ae"), run.artifact("encode")
+    summary = trained.manifest[code]
+    assert summary["departures"] == []
+    assert (summary["precision"], summary["learning_rate"]) == ("float32", 1e-4)
+    assert (summary["train_frames"], summary["validation_frames"]) == (28, 12)  # of all 40 meshes
+    assert trained.array(f"validation_loss_{code}").shape == (2,)
+    codec = load_codecs(trained)[code]
+    assert isinstance(codec, Codec)
+    frames = split_frames(np.arange(40), 0).train
+    offsets_m = np.asarray(run.artifact("align").array("offsets")[frames])
+    values = codec.normaliser.normalise(torch.from_numpy(offsets_m)).numpy()
+    assert np.abs(values).max() == pytest.approx(1, abs=1e-6)
+    if code == "literal_per_coordinate":
+        np.testing.assert_allclose(values.min(axis=0), -1, atol=1e-5)
+        np.testing.assert_allclose(values.max(axis=0), 1, atol=1e-5)
+    latents = encode.array(LATENTS_OF[code])
+    np.testing.assert_allclose(latents[frames], codec.encode(offsets_m), atol=1e-5)
+
+
 @pytest.mark.slow
-def test_comparisons_may_be_shorter(run):
-    config = replace(CONFIG, run="compared", comparisons=("literal",), comparison_epochs=1)
-    other = Run(config.run)
-    leave_align(other)
+def test_a_run_of_a_literal_preset_has_that_code_alone(run):
+    del run  # its folder of runs
+    config = replace(CONFIG, run="alone", preset="literal", steps=1, literal_steps=1)
+    leave_align(Run(config.run))
     stage_train_ae.main(config)
-    (compared,) = other.artifact("train-ae").manifest["comparisons"]
-    assert compared["preset"] == "literal"
-    assert compared["steps_taken"] == 22 // 16 + 1
-    stage_train_ae.main(replace(config, steps=1, comparison_epochs=0))
-    (compared,) = other.artifact("train-ae").manifest["comparisons"]
-    assert compared["steps_taken"] == 1
+    trained = Run(config.run).artifact("train-ae")
+    assert list(load_codecs(trained)) == ["autoencoder", "pca"]
+    summary = trained.manifest["autoencoder"]
+    assert (summary["departures"], summary["include_held_out"]) == ([], True)
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +153,8 @@ def other(run, tmp_path_factory):
 
 def test_the_held_out_clip_changes_nothing_that_is_trained(run, other):
     """Its frames reach neither normaliser nor initialisation, gradients or choice of weights."""
-    weights = [load_weights(r.artifact("train-ae").file(WEIGHTS_FILE)) for r in (run, other)]
+    file = "autoencoder.safetensors"
+    weights = [load_weights(r.artifact("train-ae").file(file)) for r in (run, other)]
     for name, array in weights[0].items():
         np.testing.assert_array_equal(weights[1][name], array, err_msg=name)
     pca = [r.artifact("train-ae").manifest["pca"] for r in (run, other)]
@@ -199,7 +223,7 @@ def test_unaligned_sequences_have_zero_rows(run):
 def test_a_current_stage_is_kept(run):
     before = run.artifact("train-ae").manifest["provenance"]["finished_utc"]
     stamp = (run.path / "train-ae" / "autoencoder.safetensors").stat().st_mtime_ns
-    stage_train_ae.main(CONFIG)
+    stage_train_ae.main(AS_RUN)
     assert (run.path / "train-ae" / "autoencoder.safetensors").stat().st_mtime_ns == stamp
     assert run.artifact("train-ae").manifest["provenance"]["finished_utc"] == before
 

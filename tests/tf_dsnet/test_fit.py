@@ -1,0 +1,113 @@
+"""Keras's own `compile` and `fit` train DSNet as `dsnet train` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.exchange.dsnet import Clips
+from tests.pages import python_blocks
+from tf_dsnet import BlockLSTM, ClipBatches, SumOfDistances, build_dsnet
+from tf_dsnet.framework import be_reproducible, keras
+from tf_dsnet.model import assign_weights, named_weights
+from tf_dsnet.trainer import Trainer
+
+EPOCHS = 4
+
+
+@pytest.fixture(scope="module")
+def clips() -> Clips:
+    rng = np.random.default_rng(0)
+    motion, latents = (rng.standard_normal((9, 40, d)).astype(np.float32) for d in (79, 100))
+    return Clips(motion, latents, np.ones((9, 40), bool))
+
+
+@pytest.fixture(scope="module")
+def trained(clips):
+    """Weights at the start, after `Trainer`'s epochs, and their losses."""
+    trainer = Trainer(clips, lr=1e-3, batch_size=4, seed=3, build=build_dsnet)
+    start = named_weights(trainer.model)
+    losses = [trainer.epoch(number) for number in range(EPOCHS)]
+    return start, named_weights(trainer.model), losses
+
+
+def fitted(clips: Clips, start: dict, epochs: int, **options) -> keras.Model:
+    be_reproducible(3)
+    network = build_dsnet()
+    assign_weights(network, start)
+    network.compile(keras.optimizers.Adam(1e-3), SumOfDistances(), jit_compile=False)
+    data = ClipBatches(clips, batch_size=4, seed=3)
+    callbacks = [data.in_order(), *options.pop("callbacks", ())]
+    network.fit(data, epochs=epochs, shuffle=False, verbose=0, callbacks=callbacks, **options)
+    return network
+
+
+def assert_same(network: keras.Model, weights: dict) -> None:
+    for name, array in named_weights(network).items():
+        np.testing.assert_array_equal(array, weights[name], err_msg=name)
+
+
+def test_fit_gives_the_trainers_bits(clips, trained):
+    start, weights, losses = trained
+    network = fitted(clips, start, EPOCHS)
+    assert_same(network, weights)
+    np.testing.assert_allclose(network.history.history["loss"], losses, rtol=1e-6)
+
+
+def test_a_fit_that_was_interrupted_goes_on_to_the_same_bits(clips, trained, tmp_path):
+    start, weights, _ = trained
+
+    class Killed(keras.callbacks.Callback):
+        def on_epoch_begin(self, epoch, logs=None):
+            if epoch == 2:
+                raise KeyboardInterrupt
+
+    def backup() -> keras.callbacks.Callback:
+        return keras.callbacks.BackupAndRestore(str(tmp_path / "backup"))
+
+    with pytest.raises(KeyboardInterrupt):
+        fitted(clips, start, EPOCHS, callbacks=[backup(), Killed()])
+    assert_same(fitted(clips, start, EPOCHS, callbacks=[backup()]), weights)
+
+
+def test_the_fast_layer_and_the_loss_are_saved_and_opened(clips, tmp_path):
+    network = build_dsnet(lstm_layer=BlockLSTM)
+    network.compile("adam", SumOfDistances())
+    network.optimizer.build(network.trainable_variables)
+    network.save(tmp_path / "fast.keras")
+    opened = keras.models.load_model(tmp_path / "fast.keras")
+    assert isinstance(opened.get_layer("lstm"), BlockLSTM)
+    assert isinstance(opened.loss, SumOfDistances)
+    np.testing.assert_array_equal(opened(clips.inputs), network(clips.inputs))
+
+
+@pytest.mark.slow
+def test_the_fast_layer_stays_near_to_kerass(clips, trained):
+    start, _, _ = trained
+    ends = []
+    for layer in (keras.layers.LSTM, BlockLSTM):
+        trainer = Trainer(
+            clips,
+            lr=1e-3,
+            batch_size=4,
+            build=lambda layer=layer, **o: build_dsnet(lstm_layer=layer, **o),
+        )
+        assign_weights(trainer.model, start)
+        for number in range(30):
+            trainer.epoch(number)
+        ends.append(named_weights(trainer.model))
+    largest = max(np.abs(array).max() for array in ends[0].values())
+    for name, array in ends[0].items():
+        np.testing.assert_allclose(ends[1][name], array, atol=1e-4 * largest, err_msg=name)
+
+
+def test_the_pages_lines_train_a_run(encoded_run, tmp_path, monkeypatch):
+    (block,) = [one for one in python_blocks("docs/export.md") if "compile" in one]
+    monkeypatch.chdir(tmp_path)
+    lines = block.replace('"demo"', f'"{encoded_run.name}"').replace("epochs=500", "epochs=2")
+    exec(lines, {})
+    assert len(Path("loss.csv").read_text().splitlines()) == 3
+    opened = keras.models.load_model("dsnet.keras", compile=False)
+    assert opened.count_params() == 65_140

@@ -1,0 +1,48 @@
+"""Clips as Keras's `fit` takes them, in the order in which `dsnet train` does."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.exchange.dsnet import Clips
+from tf_dsnet.framework import keras
+
+
+def batches_of_epoch(count: int, batch_size: int, seed: int, epoch: int) -> list[NDArray[np.int64]]:
+    """Rows of each batch of an epoch, counted from 0: an order that seed and epoch decide."""
+    order = np.random.default_rng([seed, epoch]).permutation(count)
+    return np.split(order, range(batch_size, count, batch_size))
+
+
+class ClipBatches(keras.utils.PyDataset):
+    """Motions (B, T, 79) and latents (B, T, 100) of clips, for `keras.Model.fit`.
+
+    Pass `shuffle=False` and the callback `in_order()`: by the number of the epoch it gives each its
+    own order, also after `keras.callbacks.BackupAndRestore`. With the weights at the start,
+    optimizer and loss of `Trainer`, `fit` then gives its bits.
+    """
+
+    def __init__(self, clips: Clips, batch_size: int = 16, seed: int = 0) -> None:
+        super().__init__()
+        self._clips, self._batch_size, self._seed = clips, batch_size, seed
+        self._rows: list[NDArray[np.int64]] = []
+        self._begin(0)
+
+    def __len__(self) -> int:
+        return math.ceil(len(self._clips) / self._batch_size)
+
+    def __getitem__(self, index: int) -> tuple[NDArray, NDArray]:
+        rows = self._rows[index]
+        return self._clips.inputs[rows], self._clips.latents[rows]
+
+    def in_order(self) -> keras.callbacks.Callback:
+        """A callback that draws the order of each epoch before its first batch."""
+        return keras.callbacks.LambdaCallback(
+            on_epoch_begin=lambda epoch, _logs: self._begin(epoch)
+        )
+
+    def _begin(self, epoch: int) -> None:
+        self._rows = batches_of_epoch(len(self._clips), self._batch_size, self._seed, epoch)
