@@ -167,7 +167,8 @@ run_stages() {
     [[ -n $preset && -n $aligner$( ((${#train[@]})) && echo dmpl) ]] &&
         refuse "--preset $preset with --aligner or --dmpl; expected one of them. The paper's words leave no choice."
     if [[ -n $preset ]]; then
-        align+=(--aligner sgd) train_ae=(--preset "$preset") train=(--predictors dsnet_faithful)
+        aligner=sgd align+=(--aligner sgd)
+        train_ae=(--preset "$preset") train=(--predictors dsnet_faithful)
     fi
     [[ -n $run ]] || run=$profile$([[ $gender != male ]] || echo _male)${preset:+_$preset}
     [[ -n $seeds ]] || seeds=$([[ $profile == paper ]] && echo 3 || echo 1)

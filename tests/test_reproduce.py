@@ -119,6 +119,16 @@ def test_aligner_is_handed_on(reproduce: Reproduce) -> None:
     assert not any("aligner" in options for options in called.values())
 
 
+def test_a_literal_preset_is_a_run_of_the_papers_words_alone(reproduce: Reproduce) -> None:
+    called = stages(reproduce("--preset", "literal", "--profile", "smoke"))
+    common = "--profile smoke --run smoke_literal --seed 0"
+    assert list(called) == STAGES
+    assert called.pop("align") == f"{common} --aligner sgd"
+    assert called.pop("train-ae") == f"{common} --preset literal"
+    assert called.pop("train") == f"{common} --predictors dsnet_faithful"
+    assert set(called.values()) == {common}
+
+
 def test_men_are_a_run_of_their_own(reproduce: Reproduce) -> None:
     called = stages(reproduce("--gender", "male", "--profile", "smoke"))
     assert list(called) == STAGES
@@ -134,6 +144,8 @@ def test_men_are_a_run_of_their_own(reproduce: Reproduce) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (["--preset", "short"], "--preset short; expected literal or literal_per_coordinate"),
+        (["--preset", "literal", "--aligner", "sgd"], "--preset literal with --aligner or --dmpl"),
         (["--gender", "neutral"], "--gender neutral; expected female or male"),
         (["--gender", "male", "--smpl", "body f.pkl"], "--gender male with licensed files"),
         (["--dyna", "men.h5", "--gender", "male"], "--gender male with licensed files"),

@@ -17,6 +17,7 @@ from bridge.exchange.dsnet import Clips
 from bridge.exchange.engine import NORMALISER, Tensors, batches, joined, prefixed, serve, trained
 from bridge.exchange.weights import mesh_autoencoder_from_keras
 from tf_dsnet import mesh_autoencoder, model
+from tf_dsnet.clip_batches import ClipBatches
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, TorchAdam
 from tf_dsnet.oscillators import OscillatorLayer, OscillatorLearner
@@ -70,6 +71,31 @@ def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **arrays: NDAr
     state = _state_of(trainer.optimizer, named, lambda: model.named_weights(network))
     learned = trained(steps, first_pass, lambda: trainer.epoch(next(epochs)), state)
     return prefixed("layer", seen) | learned
+
+
+def dsnet_fit(weights: Tensors, steps: list[int], **arrays: NDArray) -> Tensors:
+    """What training by Keras's own `compile` and `fit` leaves, with Keras's own LSTM."""
+    network = _dsnet(weights)
+    clips = Clips(arrays["motion"], arrays["latents"], arrays["real"])
+    data = ClipBatches(clips, batch_size=len(clips))
+    network.compile(keras.optimizers.Adam(1e-4), model.SumOfDistances(), jit_compile=False)
+    network.optimizer.build(network.trainable_variables)
+    _exact(network.optimizer)
+
+    def fit(epoch: int) -> float:
+        options = {"shuffle": False, "verbose": 0, "callbacks": [data.in_order()]}
+        return network.fit(data, initial_epoch=epoch, epochs=epoch + 1, **options).history["loss"][
+            0
+        ]
+
+    def named(arrays: Sequence[NDArray]) -> Tensors:
+        names = [name for name in model.named_weights(network) if "/moving_" not in name]
+        return dict(zip(names, arrays, strict=True))
+
+    state = _state_of(network.optimizer, named, lambda: model.named_weights(network))
+    epochs = iter(range(max(steps)))
+    learned = trained(steps, (0.0, dict(weights)), lambda: fit(next(epochs)), state)
+    return {name: a for name, a in learned.items() if name.startswith(("step_", "losses"))}
 
 
 def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: str) -> Tensors:
@@ -231,6 +257,6 @@ def _exact(adam: keras.optimizers.Adam) -> None:
 
 if __name__ == "__main__":
     operations = (
-        dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, oscillators_train
+        dsnet_forward, dsnet_train, dsnet_fit, ae_forward, ae_train, smpl, oscillators_train
     )  # fmt: skip
     serve(*operations, packages=("tensorflow", "keras"))

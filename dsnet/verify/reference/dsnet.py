@@ -155,3 +155,9 @@ def dsnet_train(
     first = learn(w, **clips, real=mask)
     trained = train(w, lambda now: learn(now, **clips, real=mask), KERAS_ADAM, steps)
     return {**prefixed("layer", first.outputs), **trained}
+
+
+def dsnet_fit(w: Arrays, steps: list[int], **clips: np.ndarray) -> Tensors:
+    """What the same steps leave, of `dsnet_train` without a mask."""
+    trained = dsnet_train(w, masked=False, steps=steps, **clips)
+    return {name: a for name, a in trained.items() if name.startswith(("step_", "losses"))}

@@ -32,6 +32,7 @@ OPERATIONS = (
     dsnet.dsnet_forward,
     dsnet.dsnet_stream,
     dsnet.dsnet_train,
+    dsnet.dsnet_fit,
     mesh_autoencoder.ae_forward,
     mesh_autoencoder.ae_decode,
     mesh_autoencoder.ae_train,

@@ -14,6 +14,7 @@ import pytest
 from bridge import DsnetError
 from bridge.runs import Run, read_artifact
 from dsnet.evaluation.evaluation import evaluate_run
+from dsnet.evaluation.pipelines import MotionArrays, Pipeline
 from dsnet.pictures.panels import FOOTERS, new_figure
 from dsnet.report import stage_report
 from dsnet.report.diagrams import sizes_of
@@ -206,6 +207,24 @@ def test_the_page_names_law_form_gravity_and_bodies(folder):
 def test_departures_of_both_pipelines_are_told(folder):
     page = (folder / "report.md").read_text()
     assert "- `dsnet_small`: a wrong turn\n- `dsnet_plus`: no autoencoder" in page
+
+
+def test_the_papers_words_alone_come_first(folder):
+    decode = read_artifact(folder.parent / "decode")
+    labels = {"dsnet_other": "Other", "dsnet_small": "Small", "dsnet_literal": "Literal"}
+    decode.manifest.update(predictors=labels, default="dsnet_small")
+    pipeline = Pipeline("paper", *[MotionArrays.of(decode)] * 3)
+    assert list(pipeline.predictors) == ["dsnet_literal", "dsnet_small", "dsnet_other"]
+
+
+def test_a_rate_that_varies_is_not_the_papers(folder):
+    stages = {path.name: read_artifact(path) for path in folder.parent.iterdir() if path != folder}
+    trained = stages["train-ae"].manifest["autoencoder"]
+    row = "learning rate of the autoencoder's Adam"
+    for varies, verdict in ((False, "same"), (True, "differs: rises and falls")):
+        trained["cosine_decay"] = varies
+        rows = {one["quantity"]: one for one in compare(measure(stages, "female"))}
+        assert rows[row]["verdict"].startswith(verdict)
 
 
 def test_a_run_without_sgd_has_none_of_its_settings(folder):

@@ -14,6 +14,7 @@ from dsnet.verify.engines import ENGINES, REFERENCE
 OF_EACH_OPERATION = (
     "dsnet-whole-clip",
     "dsnet-training-masked",
+    "dsnet-fit",
     "dsnet-stream",
     "dsnet-stream-large",
     "dsnet-graph",
