@@ -155,7 +155,10 @@ run_stages() {
             --dmpl)
                 path=$(existing "$2")
                 train_ae=(--dmpl "$path")
-                train=(--predictors dsnet_standardised dsnet_faithful dyna_like dyna_like_dmpl)
+                train=(
+                    --predictors dsnet_standardised dsnet_faithful dsnet_literal
+                    dsnet_literal_per_coordinate dyna_like dyna_like_dmpl
+                )
                 export DSNET_PLUGINS=benchmarks.plugin PYTHONPATH=$PWD
                 ;;
         esac

@@ -210,18 +210,40 @@ def _unseen(scene: Scene) -> MotionSequence | None:
 def _subjects_of_figure9(scene: Scene) -> dict[str, tuple[MotionSequence | None, ...]]:
     """By motion, a sequence of a training subject and one of a test subject.
 
-    The motions are the paper's, or the run's first if it has none of those.
+    Two motions are of kinds that training has seen, two are not: the paper's where the run has
+    them, then those of the most people, new ones first. A note tells which of the four groups the
+    run has no sequence of.
     """
     predicted = scene.predicted()
     by_motion: dict[str, dict[str, MotionSequence]] = {}
+    unseen: set[str] = set()
     for one in scene.stages["evaluate"].manifest["per_sequence"]:
         if one["split"] != "train" and one["name"] in predicted:
             sequence = predicted[one["name"]]
-            by_motion.setdefault(kind_of(sequence.motion), {}).setdefault(one["person"], sequence)
-    kinds = [kind for kind in FIGURE9_MOTIONS if kind in by_motion] or list(by_motion)
+            kind = kind_of(sequence.motion)
+            by_motion.setdefault(kind, {}).setdefault(one["person"], sequence)
+            if one["cell"].endswith("unseen_motion"):
+                unseen.add(kind)
+
+    def rank(kind: str) -> tuple[int, ...]:
+        papers = FIGURE9_MOTIONS.index(kind) if kind in FIGURE9_MOTIONS else len(FIGURE9_MOTIONS)
+        return papers, -len(by_motion[kind]), "new" not in by_motion[kind]
+
+    ranked = sorted(by_motion, key=rank)
+    groups = [[kind for kind in ranked if (kind in unseen) is is_new] for is_new in (False, True)]
+    half = len(FIGURE9_MOTIONS) // 2
+    chosen = [kind for kinds in groups for kind in kinds[:half]]
+    missing = [
+        f"{person} people in {motions} motions"
+        for motions, kinds in zip(("known", "unseen"), groups, strict=True)
+        for person in ("known", "new")
+        if not any(person in by_motion[kind] for kind in kinds)
+    ]
+    if by_motion and missing:
+        notify(f"Figure 9 is without {', '.join(missing)}: the run has no such sequence")
     return {
         kind.replace("_", " "): (by_motion[kind].get("known"), by_motion[kind].get("new"))
-        for kind in kinds[: len(FIGURE9_MOTIONS)]
+        for kind in chosen
     }
 
 
