@@ -4,6 +4,7 @@
 #                  [--seeds N]      (N trainings of the predictors from seeds that follow: 3 in `paper`, else 1)
 #                  [--preset literal|literal_per_coordinate]    (the paper's words alone: run <profile>_<preset>)
 #                  [--gender female|male]              (of the synthetic people; men: run <profile>_male)
+#                  [--leave-out SEQUENCE ...]                  (of the registered meshes: not aligned)
 #                  [--engine ray [--address HOST:PORT]]       (on a cluster: docs/scaling.md)
 #                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR [--amass-fps N]] [--dmpl FILE]]  (licensed: docs/data.md)
 #   ./reproduce.sh setup                the environment alone, for runs and tests
@@ -106,7 +107,7 @@ run_stages() {
     local aligner="" preset="" engine=() train_ae=() train=()
     while (($#)); do
         case $1 in
-            --profile | --run | --seed | --seeds | --preset | --gender | --aligner | --smpl | --dyna | --amass | --amass-fps | --dmpl | --engine | --address) ;;
+            --profile | --run | --seed | --seeds | --preset | --gender | --aligner | --smpl | --dyna | --amass | --amass-fps | --dmpl | --leave-out | --engine | --address) ;;
             *) refuse "unknown option $1; see ./reproduce.sh --help." ;;
         esac
         [[ -n ${2-} ]] || refuse "$1 needs a value."
@@ -143,6 +144,14 @@ run_stages() {
                 while [[ -n ${2-} && $2 != --* ]]; do
                     path=$(existing "$2")
                     dyna+=("$path")
+                    shift
+                done
+                shift && continue
+                ;;
+            --leave-out)
+                align+=(--leave-out)
+                while [[ -n ${2-} && $2 != --* ]]; do
+                    align+=("$2")
                     shift
                 done
                 shift && continue

@@ -119,6 +119,11 @@ def test_aligner_is_handed_on(reproduce: Reproduce) -> None:
     assert not any("aligner" in options for options in called.values())
 
 
+def test_sequences_to_leave_out_are_handed_on(reproduce: Reproduce) -> None:
+    called = stages(reproduce("--leave-out", "50004_hips", "50020_hips", "--seed", "1"))
+    assert called["align"].endswith("--seed 1 --leave-out 50004_hips 50020_hips")
+
+
 def test_a_literal_preset_is_a_run_of_the_papers_words_alone(reproduce: Reproduce) -> None:
     called = stages(reproduce("--preset", "literal", "--profile", "smoke"))
     common = "--profile smoke --run smoke_literal --seed 0"

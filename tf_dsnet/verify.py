@@ -84,9 +84,8 @@ def dsnet_fit(weights: Tensors, steps: list[int], **arrays: NDArray) -> Tensors:
 
     def fit(epoch: int) -> float:
         options = {"shuffle": False, "verbose": 0, "callbacks": [data.in_order()]}
-        return network.fit(data, initial_epoch=epoch, epochs=epoch + 1, **options).history["loss"][
-            0
-        ]
+        history = network.fit(data, initial_epoch=epoch, epochs=epoch + 1, **options)
+        return history.history["loss"][0]
 
     def named(arrays: Sequence[NDArray]) -> Tensors:
         names = [name for name in model.named_weights(network) if "/moving_" not in name]

@@ -19,10 +19,11 @@ from bridge.motion.sequences import Split
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS
 from bridge.runs import Artifact
 
+LiteralCodeName = Literal["literal", "literal_per_coordinate"]
 CodeName = Literal["autoencoder", "literal", "literal_per_coordinate", "pca", "dmpl"]
 AUTOENCODER: CodeName = "autoencoder"
 """The mesh autoencoder's latents, trained as the run says."""
-LITERAL_CODES: tuple[CodeName, ...] = ("literal", "literal_per_coordinate")
+LITERAL_CODES: tuple[LiteralCodeName, ...] = ("literal", "literal_per_coordinate")
 """The same network's, trained by the paper's words alone, in both readings of 'within [-1, 1]'."""
 PCA: CodeName = "pca"
 """Coefficients in metres of the leading principal components, as many as the latents are; distances
@@ -46,7 +47,7 @@ LINEAR_FILES: dict[CodeName, str] = {PCA: "pca.safetensors", DMPL: "dmpl.safeten
 _SCALING = "scaling/"
 DSNETS = ("dsnet_standardised", "dsnet_faithful")
 """The paper's network as predictors; runs of before layers were recorded hold no others."""
-LITERAL_DSNETS: dict[CodeName, str] = {code: f"dsnet_{code}" for code in LITERAL_CODES}
+LITERAL_DSNETS: dict[LiteralCodeName, str] = {code: f"dsnet_{code}" for code in LITERAL_CODES}
 """The paper's network on the codes that its words alone give, by code."""
 
 

@@ -100,8 +100,8 @@ class AlignedFiles:
                 f"{window.sequence.name}, whose frame {window.start + worst} stays"
                 f" {100 * frame_error[worst]:.0f} cm from SMPL",
                 "meshes with SMPL's vertex order",
-                "Register the meshes to SMPL's template, leave this sequence out, or pass more"
-                " steps.",
+                "Register the meshes to SMPL's template, pass more --steps, or"
+                f" --leave-out {window.sequence.name}.",
             )
         self.offsets.write(window.rows.start, offsets.numpy())
         self.frame_error.write(window.rows.start, frame_error.numpy())

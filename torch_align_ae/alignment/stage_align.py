@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Literal
@@ -10,8 +10,8 @@ from typing import Literal
 from tyro.conf import Fixed
 
 from bridge.body import load_paper_body
-from bridge.errors import DsnetError
-from bridge.meshes.dyna_files import dyna_sequences, of_one_gender
+from bridge.errors import DsnetError, notify, unknown_name
+from bridge.meshes.dyna_files import DynaSequence, dyna_sequences, of_one_gender
 from bridge.motion import MotionSequence
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import splits_of_names
@@ -44,6 +44,8 @@ class AlignConfig(Descent):
     """Settings of `robust`."""
     validation: tuple[str, ...] = ("50004_one_leg_jump", "50002_one_leg_jump")
     """Sequences held out from training; the last one if the files have none of these."""
+    leave_out: tuple[str, ...] = ()
+    """Sequences that are not aligned, such as those with a scan that failed."""
 
 
 PROFILES: dict[str, AlignConfig] = {
@@ -67,6 +69,7 @@ def main(config: AlignConfig) -> None:
     if config.aligner != "both":
         artifacts = {ALIGNMENT: config.aligner}
     mesh_sequences = of_one_gender(dyna_sequences(dyna_paths), data.gender)
+    mesh_sequences = _without(mesh_sequences, config.leave_out)
     meshes = {one.name: one for one in mesh_sequences}
     splits = splits_of_names(list(meshes), config.validation)
     described = [
@@ -83,7 +86,25 @@ def main(config: AlignConfig) -> None:
         # Without options of the other aligner, whose change does not make this artifact outdated.
         options = {key: value for key, value in asdict(config).items() if key not in unused}
         options["aligner"] = aligner
+        if not config.leave_out:  # as before there was such an option: what is done stays current
+            del options["leave_out"]
         run.build(name, options, fit.write, data=data.source, upstream=upstream)
+
+
+def _without(sequences: list[DynaSequence], names: Sequence[str]) -> list[DynaSequence]:
+    """The sequences but for those named, which a line on stderr counts."""
+    there = [one.name for one in sequences]
+    for name in names:
+        if name not in there:
+            raise unknown_name(f"--leave-out {name}", name, there, "Name one of these.")
+    kept = [one for one in sequences if one.name not in names]
+    if not kept:
+        raise DsnetError(
+            "--leave-out of all sequences", "one to align at least", "Name fewer of them."
+        )
+    if names:
+        notify(f"{len({*names})} of {len(there)} sequences left out, as asked")
+    return kept
 
 
 def _inputs(

@@ -24,6 +24,7 @@ from bridge.exchange.dsnet import (
     LITERAL_CODES,
     PCA,
     CodeName,
+    LiteralCodeName,
 )
 from bridge.motion import sequences_of
 from bridge.motion.splits import (
@@ -193,8 +194,8 @@ def main(config: TrainAutoencoderConfig) -> None:
 
 
 def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter) -> None:
-    beside: tuple[CodeName, ...] = LITERAL_CODES if config.literal_steps else ()
-    if config.preset in LITERAL_CODES:
+    beside: tuple[LiteralCodeName, ...] = LITERAL_CODES if config.literal_steps else ()
+    if config.preset == "literal" or config.preset == "literal_per_coordinate":
         config, beside = _literal(config, config.preset), ()
     split = _make_code(AUTOENCODER, config, align, writer)
     writer.record(parameters=parameter_counts())
@@ -228,7 +229,7 @@ def _make_code(
 
 
 def _literal(
-    config: TrainAutoencoderConfig, preset: PresetName, **changes: Any
+    config: TrainAutoencoderConfig, preset: LiteralCodeName, **changes: Any
 ) -> TrainAutoencoderConfig:
     """A training by the paper's words alone: Adam at 1e-4 in float32, on 70 % of all meshes."""
     if config.precision == "auto":

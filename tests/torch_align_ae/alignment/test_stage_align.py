@@ -169,6 +169,16 @@ def test_validation_falls_back_to_the_last_sequence(runs, config):
     assert [s.split for s in sequences_of(artifact)] == ["train", "train", "validation"]
 
 
+def test_a_sequence_can_be_left_out(runs, config, capsys):
+    names = [s.name for s in sequences_of(aligned(config)[0])]
+    artifact, arrays = aligned(dataclasses.replace(config, leave_out=(names[0],)))
+    assert [s.name for s in sequences_of(artifact)] == names[1:]
+    assert len(arrays["theta"]) == sum(s.length for s in sequences_of(artifact))
+    assert "1 of 3 sequences left out, as asked" in capsys.readouterr().err
+    with pytest.raises(DsnetError, match=r"--leave-out 50004_hop; expected one of 5"):
+        main(dataclasses.replace(config, leave_out=("50004_hop",)))
+
+
 def test_reads_the_runs_corpus_by_default(runs):
     with pytest.raises(DsnetError, match="corpus"):
         main(AlignConfig(run="missing"))
