@@ -26,7 +26,6 @@ def use() -> None:
 
 def predictors() -> Mapping[str, Predictor]:
     """Systems to compare DSNet with."""
-    from benchmarks.departures.at_papers_rate import AtPapersRate
     from benchmarks.systems.casas_otaduy_like import CasasOtaduyLike
     from benchmarks.systems.dsnet_differences import DifferencesDsnet
     from benchmarks.systems.dsnet_variants import VARIANTS
@@ -40,7 +39,6 @@ def predictors() -> Mapping[str, Predictor]:
         dyna_like_dmpl(),
         CasasOtaduyLike(),
         SoftSmplLike(),
-        AtPapersRate(),
     )
     return {entry.name: entry for entry in entries}
 

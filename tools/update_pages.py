@@ -19,7 +19,7 @@ from pathlib import Path
 from benchmarks.claims.__main__ import page as claims_page
 from benchmarks.real_motions import markdown as real_table
 from bridge.runs import Run
-from tools.pages import departures, markers, readme, reliability, scaling, speed, verification
+from tools.pages import markers, readme, reliability, scaling, speed, verification
 from tools.pages.blocks import RESULTS, ROOT, replaced
 
 Text = Callable[[], str]
@@ -36,7 +36,6 @@ WRITTEN: Mapping[str, Text | Mapping[str, Text]] = {
         "many": scaling.many_motions,
         "real": lambda: real_table(RESULTS / "real_motions.json") + "\n",
     },
-    "docs/paper.md": {"departures": departures.ladder},
     "docs/reliability.md": {"counts": reliability.counts},
     "docs/verification.md": {"outcome": verification.outcome},
     "docs/results/demo/speed.md": speed.page,

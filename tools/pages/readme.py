@@ -68,7 +68,7 @@ def verdict() -> str:
         f"- **Claims**: {counted(claims(Results()))} "
         "([each with its number and command](docs/claims.md)).\n"
         f"- **The paper's words alone**, in `demo`: R² {_literal(demo)} on a held-out jump, by two "
-        "readings of [-1, 1] ([what departures buy](docs/paper.md#the-papers-words-alone)).\n"
+        "readings of [-1, 1] ([what that is](docs/paper.md#the-papers-words-alone)).\n"
         f"- **DSNet** reduces SMPL's error on that jump {_reduced(paper, 'validation')}, in "
         f"`demo` {_reduced(demo, 'validation')}. It does not generalise: R² is {r2[KNOWN]} for "
         f"known people and {r2[NEW]} for new people in new takes of known motions, {r2[UNSEEN]} "

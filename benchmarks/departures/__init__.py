@@ -1,1 +1,0 @@
-"""What each departure from the paper's words buys, one at a time, on one alignment."""
