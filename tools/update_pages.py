@@ -43,7 +43,7 @@ WRITTEN: Mapping[str, Text | Mapping[str, Text]] = {
 }
 """The text of a page, or of its blocks."""
 PAGES = {Path(page).stem.lower(): page for page in WRITTEN}
-TAKEN = {
+TAKEN: Mapping[str, Callable[..., None]] = {
     "readme": readme.take_report,
     "speed": speed.take_bench,
     "verification": verification.take_verification,
@@ -55,6 +55,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(PAGES))
     parser.add_argument("--run", help=f"copy from this run first: {', '.join(TAKEN)}")
+    parser.add_argument(
+        "--busy", action="store_true", help="README: the machine had other work too"
+    )
     asked = parser.parse_args()
     if unknown := {*asked.names} - {*PAGES}:
         parser.error(f"no page {', '.join(sorted(unknown))}; expected {', '.join(PAGES)}")
@@ -62,7 +65,8 @@ def main() -> None:
         parser.error(f"--run is for {', '.join(TAKEN)}: name what to copy")
     for name in asked.names if asked.run else ():
         if name in TAKEN:
-            TAKEN[name](Run(asked.run))
+            options = {"busy": True} if asked.busy and name == "readme" else {}
+            TAKEN[name](Run(asked.run), **options)
     for name in asked.names or PAGES:
         (ROOT / PAGES[name]).write_text(written(PAGES[name]), encoding="utf-8")
 

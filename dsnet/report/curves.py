@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from bridge.exchange.dsnet import LITERAL_DSNETS
 from bridge.motion import sequences_of
 from bridge.paper import CLIP_FRAMES
 from bridge.runs import Artifact
@@ -123,15 +124,20 @@ def _draw_over_time(
     y: str,
 ) -> None:
     fps = next(s.fps for s in sequences_of(evaluate) if s.name == sequence["name"])
+    read = {name: per_frame_m(evaluate, kind, name, sequence["name"]) for name in styles}
+    curves_mm = {name: 1e3 * curve_m for name, curve_m in read.items() if curve_m is not None}
+    # An untrained autoencoder's errors would press all others to the ground.
+    usual = [curve.max() for n, curve in curves_mm.items() if n not in LITERAL_DSNETS.values()]
+    top_mm = 1.5 * (max(usual, default=0.0) or 1.0)  # with room for the legend
     with _drawn_axes(path, title, evaluate.origin, "time [s]", y) as axes:
-        for name, (colour, line) in styles.items():
-            curve_m = per_frame_m(evaluate, kind, name, sequence["name"])
-            if curve_m is not None:
-                label = evaluate.manifest["predictors"].get(name, "true")
-                label += f", mean {1e3 * curve_m.mean():.2f} mm"
-                times_s = np.arange(len(curve_m)) / fps
-                axes.plot(times_s, 1e3 * curve_m, line, color=colour, label=label, linewidth=1.5)
-        axes.set_ylim(bottom=0.0, top=1.35 * axes.get_ylim()[1])  # room for the legend
+        for name, curve_mm in curves_mm.items():
+            colour, line = styles[name]
+            label = evaluate.manifest["predictors"].get(name, "true")
+            label += f", mean {curve_mm.mean():.2f} mm"
+            label += " (above)" if curve_mm.min() > top_mm else ""
+            times_s = np.arange(len(curve_mm)) / fps
+            axes.plot(times_s, curve_mm, line, color=colour, label=label, linewidth=1.5)
+        axes.set_ylim(bottom=0.0, top=top_mm)
         axes.set_xlim(0, sequence["frames"] / fps)
 
 
@@ -202,11 +208,14 @@ def draw_predictor_losses(path: Path, title: str, x: str, y: str, trained: Artif
 def _draw_losses(
     path: Path, title: str, origin: DataOrigin, panels: Mapping[str, Curves], x: str, y: str
 ) -> None:
-    """Draw one panel per title side by side, on a logarithmic scale where losses fall far."""
-    width_in = 6.5 if len(panels) == 1 else 4.4 * len(panels)
-    figure = new_figure(width_in, 3.6, title=title, origin=origin)
-    row = figure.subplots(1, len(panels), squeeze=False)[0]
-    for axes, (panel, curves) in zip(row, panels.items(), strict=True):
+    """Draw one panel per title, two in a row, on a logarithmic scale where losses fall far."""
+    rows = (len(panels) + 1) // 2
+    width_in = 6.5 if len(panels) == 1 else 8.8
+    figure = new_figure(width_in, 3.6 if rows == 1 else 2.9 * rows, title=title, origin=origin)
+    grid = [*figure.subplots(rows, min(len(panels), 2), squeeze=False).flat]
+    for unused in grid[len(panels) :]:
+        unused.remove()
+    for axes, (panel, curves) in zip(grid, panels.items(), strict=False):
         for label, (steps, values) in curves.items():
             colour, line = _LOSSES[label]
             marker = "o" if len(steps) < 20 else ""
