@@ -75,7 +75,7 @@ def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **arrays: NDAr
 
 def dsnet_fit(weights: Tensors, steps: list[int], **arrays: NDArray) -> Tensors:
     """What training by Keras's own `compile` and `fit` leaves, with Keras's own LSTM."""
-    network = _dsnet(weights)
+    network: Any = _dsnet(weights)
     clips = Clips(arrays["motion"], arrays["latents"], arrays["real"])
     data = ClipBatches(clips, batch_size=len(clips))
     network.compile(keras.optimizers.Adam(1e-4), model.SumOfDistances(), jit_compile=False)

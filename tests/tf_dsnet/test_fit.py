@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ def trained(clips):
 
 def fitted(clips: Clips, start: dict, epochs: int, **options) -> keras.Model:
     be_reproducible(3)
-    network = build_dsnet()
+    network: Any = build_dsnet()
     assign_weights(network, start)
     network.compile(keras.optimizers.Adam(1e-3), SumOfDistances(), jit_compile=False)
     data = ClipBatches(clips, batch_size=4, seed=3)
@@ -77,7 +78,7 @@ def test_the_fast_layer_and_the_loss_are_saved_and_opened(clips, tmp_path):
     network.compile("adam", SumOfDistances())
     network.optimizer.build(network.trainable_variables)
     network.save(tmp_path / "fast.keras")
-    opened = keras.models.load_model(tmp_path / "fast.keras")
+    opened: Any = keras.models.load_model(tmp_path / "fast.keras")
     assert isinstance(opened.get_layer("lstm"), BlockLSTM)
     assert isinstance(opened.loss, SumOfDistances)
     np.testing.assert_array_equal(opened(clips.inputs), network(clips.inputs))
@@ -109,5 +110,5 @@ def test_the_pages_lines_train_a_run(encoded_run, tmp_path, monkeypatch):
     lines = block.replace('"demo"', f'"{encoded_run.name}"').replace("epochs=500", "epochs=2")
     exec(lines, {})
     assert len(Path("loss.csv").read_text().splitlines()) == 3
-    opened = keras.models.load_model("dsnet.keras", compile=False)
+    opened: Any = keras.models.load_model("dsnet.keras", compile=False)
     assert opened.count_params() == 65_140
