@@ -78,12 +78,14 @@ def works(version: str, python: str, wheel: Path, folder: Path) -> bool:
     if needed.returncode:
         say(f"Python {version}: not tried, for its packages cannot be had: {last_line(needed)}")
         return True
+    # Not the folder that all have in common: they end at the same time, and clear it together.
+    pytest = [own, "-m", "pytest", "--basetemp", str(folder / "tests")]
     dsnet, motion = str(folder / "bin" / "dsnet"), ["--motion", "sample:walking"]
     steps = {
         "install": [*install, "--no-deps", "--no-index", str(wheel)],
         "predict": [dsnet, "predict", *motion, "--out", "out"],
         "export": [dsnet, "export", "--to", "npz", *motion, "--out", "out.npz"],
-        "tests": [own, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *TESTS],
+        "tests": [*pytest, "-q", "-n", "0", "-p", "no:cacheprovider", *TESTS],
     }
     said = ""
     for name, command in steps.items():
