@@ -20,9 +20,9 @@ def batches_of_epoch(count: int, batch_size: int, seed: int, epoch: int) -> list
 class ClipBatches(keras.utils.PyDataset):
     """Motions (B, T, 79) and latents (B, T, 100) of clips, for `keras.Model.fit`.
 
-    Pass `shuffle=False` and the callback `in_order()`: by the number of the epoch it gives each its
-    own order, also after `keras.callbacks.BackupAndRestore`. With the weights at the start,
-    optimizer and loss of `Trainer`, `fit` then gives its bits.
+    Pass `shuffle=False`: every epoch has an order of its own. With the callback `in_order()` it is
+    that of the epoch's number, also after `keras.callbacks.BackupAndRestore`: from the weights at
+    the start, with optimizer and loss of `Trainer`, `fit` then gives its bits.
     """
 
     def __init__(self, clips: Clips, batch_size: int = 16, seed: int = 0) -> None:
@@ -44,5 +44,10 @@ class ClipBatches(keras.utils.PyDataset):
             on_epoch_begin=lambda epoch, _logs: self._begin(epoch)
         )
 
+    def on_epoch_end(self) -> None:
+        """Draw another order; Keras may call this once before the first epoch."""
+        self._begin(self._epoch + 1)
+
     def _begin(self, epoch: int) -> None:
+        self._epoch = epoch
         self._rows = batches_of_epoch(len(self._clips), self._batch_size, self._seed, epoch)

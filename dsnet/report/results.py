@@ -120,6 +120,9 @@ def _table_1(stages: Stages) -> list[dict[str, Any]]:
 def departures(stages: Stages) -> list[str]:
     """Where the run departs from the paper, as its training stages recorded it."""
     texts: list[str] = []
+    aligner = stages[ALIGNMENT].manifest["config"].get("aligner") if ALIGNMENT in stages else None
+    if aligner not in (None, "sgd"):
+        texts.append(f"alignment: by `{aligner}`, which is this repository's, in place of SGD")
     if "train-ae" in stages:
         train_ae = stages["train-ae"].manifest
         for code in (AUTOENCODER, *LITERAL_CODES):

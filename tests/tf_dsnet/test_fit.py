@@ -34,14 +34,14 @@ def trained(clips):
     return start, named_weights(trainer.model), losses
 
 
-def fitted(clips: Clips, start: dict, epochs: int, **options) -> keras.Model:
+def fitted(clips: Clips, start: dict, *callbacks: keras.callbacks.Callback) -> keras.Model:
     be_reproducible(3)
     network: Any = build_dsnet()
     assign_weights(network, start)
     network.compile(keras.optimizers.Adam(1e-3), SumOfDistances(), jit_compile=False)
     data = ClipBatches(clips, batch_size=4, seed=3)
-    callbacks = [data.in_order(), *options.pop("callbacks", ())]
-    network.fit(data, epochs=epochs, shuffle=False, verbose=0, callbacks=callbacks, **options)
+    every = [data.in_order(), *callbacks]
+    network.fit(data, epochs=EPOCHS, shuffle=False, verbose=0, callbacks=every)
     return network
 
 
@@ -52,9 +52,20 @@ def assert_same(network: keras.Model, weights: dict) -> None:
 
 def test_fit_gives_the_trainers_bits(clips, trained):
     start, weights, losses = trained
-    network = fitted(clips, start, EPOCHS)
+    network = fitted(clips, start)
     assert_same(network, weights)
     np.testing.assert_allclose(network.history.history["loss"], losses, rtol=1e-6)
+
+
+def test_epochs_differ_without_the_callback_too(clips):
+    data = ClipBatches(clips, batch_size=4)
+    epochs = []
+    for _ in range(3):
+        epochs.append(np.concatenate([data[row][0] for row in range(len(data))]))
+        data.on_epoch_end()
+    for one in epochs:
+        np.testing.assert_array_equal(np.sort(one[:, 0, 0]), np.sort(clips.inputs[:, 0, 0]))
+    assert len({one.tobytes() for one in epochs}) == 3
 
 
 def test_a_fit_that_was_interrupted_goes_on_to_the_same_bits(clips, trained, tmp_path):
@@ -69,8 +80,8 @@ def test_a_fit_that_was_interrupted_goes_on_to_the_same_bits(clips, trained, tmp
         return keras.callbacks.BackupAndRestore(str(tmp_path / "backup"))
 
     with pytest.raises(KeyboardInterrupt):
-        fitted(clips, start, EPOCHS, callbacks=[backup(), Killed()])
-    assert_same(fitted(clips, start, EPOCHS, callbacks=[backup()]), weights)
+        fitted(clips, start, backup(), Killed())
+    assert_same(fitted(clips, start, backup()), weights)
 
 
 def test_the_fast_layer_and_the_loss_are_saved_and_opened(clips, tmp_path):

@@ -8,22 +8,19 @@ import re
 import shutil
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
 import pytest
 
 from bridge import DsnetError
-from bridge.motion import MotionSequence
 from bridge.runs import Run, read_artifact
 from dsnet.evaluation.evaluation import evaluate_run
 from dsnet.evaluation.pipelines import MotionArrays, Pipeline
 from dsnet.pictures.panels import FOOTERS, new_figure
 from dsnet.report import stage_report
-from dsnet.report.bodies import Scene
 from dsnet.report.diagrams import sizes_of
 from dsnet.report.pages import render_html, render_markdown
 from dsnet.report.paper_table import compare, measure
+from dsnet.report.results import departures
 from tests.forged.best_pipeline import write_best_pipeline
 
 FIGURES = (
@@ -208,55 +205,16 @@ def test_the_page_names_law_form_gravity_and_bodies(folder):
     assert "Static and moving" not in (folder / "report.md").read_text()
 
 
+def test_another_aligner_than_the_papers_is_a_departure(folder):
+    align = read_artifact(folder.parent / "align")
+    for aligner, count in (("sgd", 0), ("robust", 1)):
+        align.manifest["config"]["aligner"] = aligner
+        assert sum("in place of SGD" in text for text in departures({"align": align})) == count
+
+
 def test_departures_of_both_pipelines_are_told(folder):
     page = (folder / "report.md").read_text()
     assert "- `dsnet_small`: a wrong turn\n- `dsnet_plus`: no autoencoder" in page
-
-
-def figure9(*named: tuple[str, str, str]) -> dict[str, tuple[bool, ...]]:
-    """Which of known and new people each row has, of sequences (subject, motion, cell)."""
-    sequences = {
-        f"{subject}_{motion}": MotionSequence(f"{subject}_{motion}", subject, motion, 0, 9, 60.0)
-        for subject, motion, _ in named
-    }
-    measured = [
-        {"name": name, "split": "test", "person": cell.partition("_")[0], "cell": cell}
-        for name, (_, _, cell) in zip(sequences, named, strict=True)
-    ]
-    evaluate = SimpleNamespace(manifest={"per_sequence": measured})
-    scene = SimpleNamespace(predicted=lambda: sequences, stages={"evaluate": evaluate})
-    shown = stage_report._subjects_of_figure9(cast("Scene", scene))
-    return {row: tuple(map(bool, pair)) for row, pair in shown.items()}
-
-
-def test_figure_9_finds_its_groups_by_what_a_motion_is(capsys):
-    """Motions are named as MPI_mosh's are; only the held-out jump has a name of the paper's."""
-    rows = figure9(
-        ("50004", "one_leg_jump", "known_person_known_motion"),
-        ("50002", "misc_dancing_hiphop", "known_person_unseen_motion"),
-        ("50020", "irish_dance", "known_person_unseen_motion"),
-        ("00008", "irish_dance", "new_person_unseen_motion"),
-        ("00008", "simple_crouch", "new_person_unseen_motion"),
-        ("00096", "jumping_jacks", "new_person_known_motion"),
-    )
-    assert rows == {
-        "one leg jump": (True, False),
-        "jumping jacks": (False, True),
-        "irish dance": (True, True),
-        "simple crouch": (False, True),
-    }
-    assert capsys.readouterr().err == ""
-
-
-def test_figure_9_tells_which_groups_a_run_lacks(capsys):
-    figure9(
-        ("50004", "one_leg_jump", "known_person_known_motion"),
-        ("50002", "misc", "known_person_unseen_motion"),
-    )
-    assert capsys.readouterr().err == (
-        "dsnet: Figure 9 is without new people in known motions, new people in unseen motions: "
-        "the run has no such sequence\n"
-    )
 
 
 def test_the_papers_words_alone_come_first(folder):
