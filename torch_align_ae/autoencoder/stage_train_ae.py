@@ -148,7 +148,7 @@ class TrainAutoencoderConfig(TrainingOptions):
     """Further trainings, for the report alone: another preset, a split by sequences, or all frames,
     those of the held-out sequences too."""
     dmpl: Path | None = None
-    """DMPL's `model.npz`, with licensed meshes only: its 8 directions become a third code, on which
+    """DMPL's `model.npz`, with licensed meshes only: its 8 directions become a code too, on which
     a predictor of a plug-in can be trained."""
 
 
