@@ -47,7 +47,7 @@ PROFILES: dict[str, TrainConfig] = {
     "smoke": TrainConfig(
         run="smoke", epochs=20, rounds=4, plus=TrainPlusConfig(steps=8, nodes=300)
     ),
-    "demo": TrainConfig(run="demo"),
+    "demo": TrainConfig(run="demo", epochs=750),
     "paper": TrainConfig(run="paper", epochs=5000, checkpoint_every=250, rounds=24),
 }
 

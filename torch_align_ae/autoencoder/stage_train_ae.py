@@ -136,7 +136,7 @@ class TrainAutoencoderConfig(TrainingOptions):
     `literal_per_coordinate`: [-1, 1] of all offsets, or of each coordinate; float32, all meshes),
     by what was measured to learn (`measured`), or by what learns in a few hundred steps (`short`).
     """
-    literal_steps: NonNegativeInt = 50
+    literal_steps: NonNegativeInt = 100
     """Steps of the two `literal` trainings that every other preset has beside it, as codes of
     their own; 0: none."""
     split: Fixed[SplitName] = "frame"
