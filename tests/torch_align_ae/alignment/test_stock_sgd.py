@@ -1,0 +1,66 @@
+"""PyTorch's own SGD on the SMPL module finds the iterates of the descent written out by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from torch_align_ae.alignment import sgd, stock_sgd
+from torch_align_ae.alignment.mesh_distance import MeshDistance
+
+FEW = sgd.Descent(shape_steps=30)
+
+
+@pytest.fixture(scope="module")
+def bodies(smpl64, lively):
+    """Objective, shapes and meshes of three bodies, and a start near their poses."""
+    objective = MeshDistance(smpl64)
+    pose, trans = lively(3, dtype=torch.float64)
+    betas = torch.linspace(-1.5, 1.5, 30, dtype=torch.float64).reshape(3, 10)
+    target = objective.arrange(smpl64(betas, pose, trans))
+    return objective, betas, target, (pose + 0.05, trans - 0.02)
+
+
+def largest_difference(found, expected):
+    return max(float((one - other).abs().max()) for one, other in zip(found, expected, strict=True))
+
+
+def test_betas_are_those_that_the_shapes_were_made_of(bodies):
+    objective, betas, *_ = bodies
+    np.testing.assert_allclose(stock_sgd.betas_of(objective.shapes(betas)), betas, atol=1e-12)
+
+
+def test_poses_are_those_of_the_fast_descent_and_of_no_other(bodies):
+    objective, betas, target, start = bodies
+    fitted = objective.shapes(betas), start, target, 40
+    fast = sgd.fit_pose(*fitted, FEW)
+    stock = stock_sgd.fit_pose(*fitted, FEW)
+    assert largest_difference(stock, fast) < 1e-11 < largest_difference(stock, start)
+    other = stock_sgd.fit_pose(*fitted, replace(FEW, momentum=0.89))
+    assert largest_difference(other, fast) > 1e-4
+
+
+def test_shapes_are_those_of_the_fast_descent(bodies):
+    objective, _betas, target, _start = bodies
+    fast = sgd.fit_shape_and_pose(objective, target, FEW)
+    stock = stock_sgd.fit_shape_and_pose(objective, target, FEW)
+    assert largest_difference(stock, fast) < 1e-11
+    assert [part.shape for part in stock] == [(3, 10), (3, 22, 3), (3, 3)]
+
+
+def test_without_a_step_the_start_is_the_closest(bodies):
+    objective, betas, target, start = bodies
+    found = stock_sgd.fit_pose(objective.shapes(betas), start, target, 0, FEW)
+    assert largest_difference(found, start) == 0
+
+
+def test_past_the_optimum_the_closest_iterate_stays(bodies):
+    """The unsquared norm's gradient does not vanish, so steps from the optimum lead away."""
+    objective, betas, target, (pose, trans) = bodies
+    optimum = pose - 0.05, trans + 0.02
+    found = stock_sgd.fit_pose(objective.shapes(betas), optimum, target, 5, FEW)
+    fast = sgd.fit_pose(objective.shapes(betas), optimum, target, 5, FEW)
+    assert largest_difference(found, optimum) == largest_difference(fast, optimum) == 0
