@@ -26,6 +26,7 @@ def use() -> None:
 
 def predictors() -> Mapping[str, Predictor]:
     """Systems to compare DSNet with."""
+    from benchmarks.departures.at_papers_rate import AtPapersRate
     from benchmarks.systems.casas_otaduy_like import CasasOtaduyLike
     from benchmarks.systems.dsnet_differences import DifferencesDsnet
     from benchmarks.systems.dsnet_variants import VARIANTS
@@ -33,6 +34,7 @@ def predictors() -> Mapping[str, Predictor]:
     from benchmarks.systems.softsmpl_like import SoftSmplLike
 
     entries: tuple[Predictor, ...] = (
+        AtPapersRate(),
         DifferencesDsnet(),
         *VARIANTS,
         DynaLike(),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bridge.errors import DsnetError, unknown_name
 from bridge.exchange.layers import DSNET_LAYERS, Layer, layers_from_json
 from bridge.exchange.weights import dsnet_shapes, load_weights
-from bridge.motion import MotionSequence, sequences_of, subject_rows
+from bridge.motion import MotionSequence, sequences_of, shape_rows
 from bridge.motion.sequences import Split
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS
 from bridge.runs import Artifact
@@ -147,11 +147,11 @@ def load_unpadded_clips(
             f"Run `dsnet train-ae --{code} FILE` and `dsnet encode`, or leave the predictor out.",
         )
     sequences = sequences_of(encoded)
-    rows = subject_rows(sequences)
     theta, betas, latents = (encoded.array(name) for name in ("theta", "betas", LATENTS_OF[code]))
+    rows = shape_rows(sequences, betas)
 
     def cut(sequence: MotionSequence) -> UnpaddedClip:
-        shape = betas[rows[sequence.subject]]
+        shape = betas[rows[sequence.name]]
         return UnpaddedClip(join_inputs(theta[sequence.frames], shape), latents[sequence.frames])
 
     recordings = [cut(sequence) for sequence in sequences if sequence.split == split]

@@ -5,7 +5,9 @@ from bridge.motion.resampling import load_motion
 from bridge.motion.sequences import (
     MotionSequence,
     sequences_of,
+    shape_rows,
     subject_rows,
+    subject_shapes,
     subjects_of,
     to_manifest,
 )
@@ -17,7 +19,9 @@ __all__ = [
     "load_motion",
     "pack_theta",
     "sequences_of",
+    "shape_rows",
     "subject_rows",
+    "subject_shapes",
     "subjects_of",
     "to_manifest",
     "unpack_theta",

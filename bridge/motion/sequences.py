@@ -6,6 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bridge.errors import DsnetError
 from bridge.motion.readers import READERS
 from bridge.runs.artifact import Artifact
@@ -88,6 +91,28 @@ def subjects_of(sequences: Iterable[MotionSequence]) -> list[str]:
 def subject_rows(sequences: Iterable[MotionSequence]) -> Mapping[str, int]:
     """Row of each subject in the `betas` array."""
     return {subject: row for row, subject in enumerate(subjects_of(sequences))}
+
+
+def shape_rows(
+    sequences: Sequence[MotionSequence], betas: NDArray[np.floating]
+) -> Mapping[str, int]:
+    """Row of each sequence, by name, in `betas` (rows, 10): its subject's, or its own where every
+    sequence has a shape (`dsnet align --betas-per sequence`)."""
+    if len(betas) == len(sequences):
+        return {sequence.name: row for row, sequence in enumerate(sequences)}
+    rows = subject_rows(sequences)
+    return {sequence.name: rows[sequence.subject] for sequence in sequences}
+
+
+def subject_shapes(
+    sequences: Sequence[MotionSequence], betas: NDArray[np.floating]
+) -> dict[str, NDArray[np.floating]]:
+    """Betas (10,) of each subject; the mean of its sequences' where each has its own."""
+    rows = shape_rows(sequences, betas)
+    of_subject: dict[str, list[int]] = {subject: [] for subject in subjects_of(sequences)}
+    for sequence in sequences:
+        of_subject[sequence.subject].append(rows[sequence.name])
+    return {subject: betas[sorted(set(own))].mean(0) for subject, own in of_subject.items()}
 
 
 def end_to_end(chosen: Sequence[MotionSequence]) -> list[MotionSequence]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
-from bridge.motion import MotionSequence, sequences_of, subject_rows, subjects_of
+from bridge.motion import MotionSequence, sequences_of, subject_shapes, subjects_of
 from bridge.runs import Artifact
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import Load, node_loads
@@ -37,8 +37,8 @@ def known_people(align: Artifact) -> tuple[list[str], NDArray[np.float32]]:
     """Those who are trained on, in order of first appearance, and their betas (P, 10)."""
     sequences = sequences_of(align)
     names = subjects_of(s for s in sequences if s.split == "train")
-    rows = subject_rows(sequences)
-    return names, np.array(align.array("betas")[[rows[name] for name in names]], np.float32)
+    shapes = subject_shapes(sequences, align.array("betas"))
+    return names, np.array([shapes[name] for name in names], np.float32)
 
 
 def node_clips(

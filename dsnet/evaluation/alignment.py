@@ -152,12 +152,10 @@ def alignment_errors(
     with worker_pool("threads", body) as pool:
         for part in pool.map(errors_of, shared):
             errors += part
+    # Each fitted shape once, however many sequences it serves.
+    pairs = {(align.rows[name], truth.rows[name]) for name in shared}
     betas, true_betas = (arrays.artifact.array("betas") for arrays in (align, truth))
-    differences = [
-        betas[row] - true_betas[truth.rows[subject]]
-        for subject, row in align.rows.items()
-        if subject in truth.rows
-    ]
+    differences = [betas[row] - true_betas[true_row] for row, true_row in sorted(pairs)]
     betas_rms = float(np.sqrt(np.mean(np.square(differences))))
     return fitted | errors.summary() | {"betas_rms": betas_rms}
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.exchange.dsnet import LITERAL_DSNETS
-from bridge.motion import MotionSequence, sequences_of, subject_rows
+from bridge.motion import MotionSequence, sequences_of, shape_rows
 from bridge.runs import Artifact, Run
 from bridge.runs.run import INFER, INFER_PLUS
 from dsnet.evaluation.metrics import frame_blocks
@@ -41,16 +41,17 @@ class MotionArrays:
     sequences: Mapping[str, MotionSequence]
     """By name, with the frames that each has in the arrays."""
     rows: Mapping[str, int]
-    """Row of each subject in `betas`."""
+    """Row of each sequence in `betas`."""
 
     @classmethod
     def of(cls, artifact: Artifact) -> MotionArrays:
         sequences = sequences_of(artifact)
-        return cls(artifact, {one.name: one for one in sequences}, subject_rows(sequences))
+        rows = shape_rows(sequences, artifact.array("betas"))
+        return cls(artifact, {one.name: one for one in sequences}, rows)
 
     def betas(self, name: str) -> NDArray:
-        """(10,) betas of the sequence's subject."""
-        return self.artifact.array("betas")[self.rows[self.sequences[name].subject]]
+        """(10,) betas of the sequence."""
+        return self.artifact.array("betas")[self.rows[name]]
 
     def frames(
         self, array: str, name: str, frames: slice | NDArray, vertices: slice = slice(None)

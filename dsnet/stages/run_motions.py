@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from bridge.body import load_paper_body
 from bridge.errors import notify
-from bridge.motion import MotionSequence, sequences_of, subject_rows
+from bridge.motion import (
+    MotionSequence,
+    sequences_of,
+    shape_rows,
+    subject_rows,
+    subject_shapes,
+)
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import PeopleOfFolders, find_motion_files, subject_and_motion
 from bridge.motion.resampling import load_motion
@@ -28,7 +34,8 @@ class MotionSet:
     theta: NDArray[np.float32]
     """(G, 69) all sequences one after another."""
     betas: NDArray[np.float32]
-    """(rows, 10) by subject, in order of first appearance."""
+    """(rows, 10) by subject, in order of first appearance, or one of each sequence if that is what
+    was aligned."""
 
 
 def find_motions(run: Run, amass: Path | None, encoded: Artifact) -> list[Path]:
@@ -56,7 +63,8 @@ def gather(
     theta = [np.array(encoded.array("theta"))]
     start = len(theta[0])
     betas = np.array(encoded.array("betas"))
-    shapes = {subject: betas[row] for subject, row in subject_rows(sequences).items()}
+    aligned, shapes = shape_rows(sequences, betas), subject_shapes(sequences, betas)
+    shape_of_each = len(betas) > len(shapes)
     fitted, stated, body = set(shapes), {**shapes}, None
     people = PeopleOfFolders(stated)
     for path in files:
@@ -81,7 +89,13 @@ def gather(
         )
         theta.append(motion.theta)
         start += length
-    rows = [shapes[subject] for subject in subject_rows(sequences)]
+    if shape_of_each:  # a new take of a known person has the mean of what was fitted
+        rows = [
+            betas[aligned[one.name]] if one.name in aligned else shapes[one.subject]
+            for one in sequences
+        ]
+    else:
+        rows = [shapes[subject] for subject in subject_rows(sequences)]
     return MotionSet(
         sequences, np.concatenate(theta).astype(np.float32), np.stack(rows).astype(np.float32)
     )

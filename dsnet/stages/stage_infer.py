@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData, load_paper_body
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import LATENTS_OF, code_of
-from bridge.motion import MotionSequence, subject_rows, to_manifest
+from bridge.motion import MotionSequence, shape_rows, to_manifest
 from bridge.motion.cuts import predict_between_cuts
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
@@ -118,10 +118,10 @@ def infer_networks(config: InferConfig) -> Callable[[], Artifact]:
             )
             for name in names
         }
-        rows = subject_rows(motions.sequences)
+        rows = shape_rows(motions.sequences, motions.betas)
 
         def predict(networks: TrainedNetworks, sequence: MotionSequence) -> None:
-            theta, betas = motions.theta[sequence.frames], motions.betas[rows[sequence.subject]]
+            theta, betas = motions.theta[sequence.frames], motions.betas[rows[sequence.name]]
             for name, file in latents.items():
                 file.write(sequence.start, networks.latents(name, theta, betas))
 
@@ -168,8 +168,8 @@ def _write_offsets(
 ) -> None:
     chosen = decoded_sequences(motions.sequences)
     placed = end_to_end(chosen)
-    of_all = subject_rows(motions.sequences)
-    betas = {subject: motions.betas[of_all[subject]] for subject in subject_rows(chosen)}
+    rows = shape_rows(motions.sequences, motions.betas)
+    betas = {one.subject: motions.betas[rows[one.name]] for one in chosen}
     size = (sum(s.length for s in placed), body.vertex_count, 3)
     total = writer.array_file(f"offsets_{NAME}", size, np.float32, "m")
     has_static = bool(model.trained.static)

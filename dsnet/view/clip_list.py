@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError, notify
 from bridge.exchange.dsnet import dsnets_of
-from bridge.motion import Motion, MotionSequence, load_motion, sequences_of, subject_rows
+from bridge.motion import Motion, MotionSequence, load_motion, sequences_of, subject_shapes
 from bridge.motion.motion import HowRead
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import subject_and_motion
@@ -155,8 +155,8 @@ def _of_file(path: Path, body: BodyModelData, sequence: str = "") -> Clip:
 
 
 def _subject_betas(align: Artifact) -> dict[str, NDArray[np.float64]]:
-    betas, rows = align.array("betas"), subject_rows(sequences_of(align))
-    return {name: betas[row].astype(np.float64) for name, row in rows.items()}
+    shapes = subject_shapes(sequences_of(align), align.array("betas"))
+    return {subject: betas.astype(np.float64) for subject, betas in shapes.items()}
 
 
 def _recorded(run: Run, align: Artifact, body: BodyModelData) -> Iterator[tuple[Clip, str]]:

@@ -133,11 +133,12 @@ class Shapes(NamedTuple):
     """Bodies of a batch in the rest pose, without pose blend shapes."""
 
     objective: MeshDistance
+    betas: Tensor  # (B, 10)
     vertices: Tensor  # (B, 3 V) metres, in the order of `MeshDistance.arrange`
     joints: Tensor  # (B, 22, 3) metres
 
     def rows(self, rows: slice | list[int]) -> Shapes:
-        return self._replace(vertices=self.vertices[rows], joints=self.joints[rows])
+        return Shapes(self.objective, self.betas[rows], self.vertices[rows], self.joints[rows])
 
 
 class Gradient(NamedTuple):
@@ -178,7 +179,7 @@ class MeshDistance:
     def shapes(self, betas: Tensor) -> Shapes:
         """Bodies of shape betas (B, 10)."""
         vertices = torch.addmm(self._template, betas, self.shapedirs)
-        return Shapes(self, vertices, self.smpl.joints(betas)[:, :N_JOINTS])
+        return Shapes(self, betas, vertices, self.smpl.joints(betas)[:, :N_JOINTS])
 
     def to(self, target: Tensor) -> DistanceTo:
         """The distance to meshes (B, 3 V) from `arrange`, metres."""

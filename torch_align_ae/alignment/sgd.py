@@ -3,7 +3,7 @@
 The distance is a norm that is not squared, so its gradient does not vanish near the optimum: with
 the paper's learning rate the fit oscillates at about 2 mm (root mean square over vertices) from the
 optimum, however long it runs. The method is kept as the paper has it. Of the iterates, the one with
-the smallest distance is returned, which is Eq. 5's "best matching" theta*.
+the smallest distance is returned, which is Eq. 5's "best matching" theta*, or the last on request.
 
 Each frame starts from the pose of the one before. So sequences are fitted side by side, in groups
 that advance frame by frame as one batch.
@@ -16,7 +16,7 @@ import math
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -28,6 +28,7 @@ from bridge.options import NonNegativeFloat, NonNegativeInt, PositiveFloat
 from bridge.processes import usable_cores
 from bridge.runs import ArtifactWriter
 from bridge.runs.workers import WorkerPool, on_any_node, progress
+from torch_align_ae.alignment import stock_sgd
 from torch_align_ae.alignment.corpus_fit import AlignedFiles, CorpusFit, Meshes, Window, windows
 from torch_align_ae.alignment.mesh_distance import MeshDistance, Shapes
 from torch_align_ae.body import SMPL
@@ -59,6 +60,14 @@ class Descent:
     """Learning rate (paper: 0.0001)."""
     momentum: NonNegativeFloat = 0.9
     """Momentum (paper: 0.9)."""
+    iterate: Literal["closest", "last"] = "closest"
+    """Which iterate is the fit: the paper's theta* is the "best matching" one."""
+    betas_per: Literal["subject", "sequence"] = "subject"
+    """Whether a subject's first sequence by name gives one shape for all, or the first frame of
+    each sequence its own: the paper fixes the shape at "its first frame"."""
+    stock: bool = False
+    """Descend by `torch.optim.SGD` and autograd on the module `SMPL`: poses equal to a millionth,
+    in several times the time."""
 
 
 def fit_pose(
@@ -68,17 +77,21 @@ def fit_pose(
 
     `start` is the initial pose and translation.
     """
+    if descent.stock:
+        return stock_sgd.fit_pose(shapes, start, target, steps, descent)
     with torch.inference_mode():
         distance, optimizer = shapes.objective.to(target), MomentumDescent(descent, *start)
         for _ in range(steps):
             optimizer.step(*distance.gradient(shapes, *optimizer.variables))
-    return optimizer.best()
+    return optimizer.fitted()
 
 
 def fit_shape_and_pose(
     objective: MeshDistance, target: Tensor, descent: Descent
 ) -> tuple[Tensor, ...]:
     """Fit betas (B, 10), pose (B, 22, 3) and translation (B, 3) to meshes from `arrange`."""
+    if descent.stock:
+        return stock_sgd.fit_shape_and_pose(objective, target, descent)
     with torch.inference_mode():
         distance = objective.to(target)
         betas = target.new_zeros(len(target), len(objective.smpl.shapedirs))
@@ -88,19 +101,19 @@ def fit_shape_and_pose(
             betas, pose, trans = optimizer.variables
             distance_m, *by_pose = distance.gradient(objective.shapes(betas), pose, trans)
             optimizer.step(distance_m, distance.betas_gradient(), *by_pose)
-    return optimizer.best()
+    return optimizer.fitted()
 
 
 class MomentumDescent:
     """Gradient descent with momentum on a batch of variables, like `torch.optim.SGD` but faster.
 
-    For each body the iterate with the smallest distance is kept, the paper's theta*.
+    For each body the iterate with the smallest distance is kept, the paper's theta*, or the last.
     """
 
     def __init__(self, descent: Descent, *start: Tensor) -> None:
         self.rate = descent.lr
         """Learning rate, which the paper keeps constant."""
-        self._momentum = descent.momentum
+        self._descent = descent
         self._shapes = [variable.shape[1:] for variable in start]
         self._state = torch.cat([variable.flatten(1) for variable in start], 1)
         self._velocity = torch.zeros_like(self._state)
@@ -114,12 +127,13 @@ class MomentumDescent:
         self._best = torch.where(closer[:, None], self._state, self._best)
         self._smallest = torch.fmin(distance, self._smallest)
         gradient = torch.cat([gradient.flatten(1) for gradient in gradients], 1)
-        self._velocity.mul_(self._momentum).add_(gradient)
+        self._velocity.mul_(self._descent.momentum).add_(gradient)
         self._state.sub_(self._velocity, alpha=self.rate)
 
-    def best(self) -> tuple[Tensor, ...]:
-        """The variables of each body where its distance was smallest."""
-        return self._parts(self._best.clone())
+    def fitted(self) -> tuple[Tensor, ...]:
+        """The variables of each body where its distance was smallest, or the last ones."""
+        chosen = self._state if self._descent.iterate == "last" else self._best
+        return self._parts(chosen.clone())
 
     def _parts(self, state: Tensor) -> tuple[Tensor, ...]:
         parts = zip(state.split([s.numel() for s in self._shapes], 1), self._shapes, strict=True)
@@ -146,7 +160,8 @@ def rigid_start(shapes: Shapes, target: Tensor) -> tuple[Tensor, Tensor]:
 class SgdFit(CorpusFit):
     """Alignment of a corpus by the paper's method.
 
-    Shapes are fitted to the first frame of each subject's first sequence, then fixed (Section 3.3).
+    Shapes are fitted to the first frame of each subject's first sequence, or of each sequence, then
+    fixed (Section 3.3).
     """
 
     def __init__(
@@ -160,7 +175,10 @@ class SgdFit(CorpusFit):
         self._objective, self._descent = MeshDistance(smpl), descent
         self._row_of = {sequence.name: row for row, sequence in enumerate(sequences)}
         rows = subject_rows(sequences)
-        self._subject_of = [rows[sequence.subject] for sequence in sequences]
+        self._shape_of = [rows[sequence.subject] for sequence in sequences]
+        """Row of each sequence in the betas."""
+        if descent.betas_per == "sequence":
+            self._shape_of = list(range(len(sequences)))
         self._pool: WorkerPool[MeshDistance]
 
     def write(self, writer: ArtifactWriter) -> None:
@@ -179,13 +197,13 @@ class SgdFit(CorpusFit):
             super().write(writer)
 
     def learn(self) -> dict[str, NDArray]:
-        """Shape of every subject, and `theta` (N, 69) of every sequence's first frame."""
+        """All shapes, and `theta` (N, 69) of every sequence's first frame."""
         meshes = np.concatenate([self.meshes[one.name].read(0, 1) for one in self.sequences])
         targets = self._objective.arrange(torch.from_numpy(meshes))
-        leading = [self._subject_of.index(row) for row in range(max(self._subject_of) + 1)]
-        # All subjects as one batch, not by workers, as small batches have too much overhead.
+        leading = [self._shape_of.index(row) for row in range(max(self._shape_of) + 1)]
+        # All shapes as one batch, not by workers, as small batches have too much overhead.
         shapes, *lead = fit_shape_and_pose(self._objective, targets[leading], self._descent)
-        betas = shapes[self._subject_of]
+        betas = shapes[self._shape_of]
         firsts = ((betas[rows], targets[rows]) for rows in batches(len(meshes)))
         fitted = self._pool.map(partial(_fit_first_frames, self._descent), firsts)
         pose, trans = (torch.cat(parts) for parts in zip(*fitted, strict=True))
@@ -213,7 +231,7 @@ class SgdFit(CorpusFit):
             theta = learned["theta"][row]
             if window.start:
                 theta = files.theta.read(slice(first - 1, first))[0]
-            betas = torch.from_numpy(learned["betas"][self._subject_of[row]])
+            betas = torch.from_numpy(learned["betas"][self._shape_of[row]])
             return _Tracked(window, self.meshes[window.sequence.name], betas, theta)
 
         work = partial(_fit_windows, self._descent, files)

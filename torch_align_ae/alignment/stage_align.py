@@ -86,8 +86,10 @@ def main(config: AlignConfig) -> None:
         # Without options of the other aligner, whose change does not make this artifact outdated.
         options = {key: value for key, value in asdict(config).items() if key not in unused}
         options["aligner"] = aligner
-        if not config.leave_out:  # as before there was such an option: what is done stays current
-            del options["leave_out"]
+        # As before there were such options: what is done stays current.
+        for key in ("leave_out", "iterate", "betas_per", "stock"):
+            if options.get(key) == getattr(AlignConfig, key):
+                del options[key]
         run.build(name, options, fit.write, data=data.source, upstream=upstream)
 
 

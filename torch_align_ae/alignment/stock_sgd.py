@@ -30,8 +30,8 @@ def fit_pose(
     `start` is the initial pose and translation.
     """
     smpl, mesh = shapes.objective.smpl, shapes.objective.restore(target)
-    betas = betas_of(shapes)
-    return _closest(lambda *motion: smpl(betas, *motion) - mesh, start, range(steps), descent)
+    betas = shapes.betas
+    return _fitted(lambda *motion: smpl(betas, *motion) - mesh, start, range(steps), descent)
 
 
 def fit_shape_and_pose(
@@ -42,23 +42,16 @@ def fit_shape_and_pose(
     betas = target.new_zeros(len(target), len(smpl.shapedirs))
     start = betas, *sgd.rigid_start(objective.shapes(betas), target)
     steps = progress(range(descent.shape_steps), what="shapes", unit="step")
-    return _closest(lambda *body: smpl(*body) - mesh, start, steps, descent)
+    return _fitted(lambda *body: smpl(*body) - mesh, start, steps, descent)
 
 
-def betas_of(shapes: Shapes) -> Tensor:
-    """The betas (B, 10) that `MeshDistance.shapes` was given, by least squares."""
-    objective = shapes.objective
-    from_mean = shapes.vertices - objective.arrange(objective.smpl.template.T[None])
-    return torch.linalg.lstsq(objective.shapedirs.T, from_mean.T).solution.T
-
-
-def _closest(
+def _fitted(
     residual: Callable[..., Tensor],
     start: tuple[Tensor, ...],
     steps: Iterable[int],
     descent: sgd.Descent,
 ) -> tuple[Tensor, ...]:
-    """For each body the iterate, the start among them, with the smallest distance.
+    """For each body the iterate, the start among them, with the smallest distance, or the last.
 
     `residual` gives (B, V, 3), metres, whose norm is the distance: not squared, as in the paper.
     """
@@ -77,4 +70,5 @@ def _closest(
             for kept, variable in zip(best, variables, strict=True):
                 kept[closer] = variable[closer]
         optimizer.step()
-    return tuple(best)
+    last = [variable.detach() for variable in variables]
+    return tuple(last if descent.iterate == "last" else best)

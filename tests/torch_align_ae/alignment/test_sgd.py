@@ -84,12 +84,16 @@ def test_steps_are_torchs_to_the_last_bit():
         np.testing.assert_array_equal(found, expected)
 
 
-def test_each_body_keeps_its_closest_iterate():
-    descending = MomentumDescent(Descent(lr=1.0, momentum=0.0), torch.zeros(2, 1))
+@pytest.mark.parametrize(
+    ("iterate", "fitted"), [("closest", [[1.0], [0.0]]), ("last", [[3.0], [3.0]])]
+)
+def test_each_body_keeps_its_closest_iterate_or_the_last(iterate, fitted):
+    descent = Descent(lr=1.0, momentum=0.0, iterate=iterate)
+    descending = MomentumDescent(descent, torch.zeros(2, 1))
     for distance in ([3.0, 1.0], [2.0, 5.0], [4.0, torch.nan]):
         descending.step(torch.tensor(distance), -torch.ones(2, 1))
     assert descending.variables[0].tolist() == [[3.0], [3.0]]
-    assert descending.best()[0].tolist() == [[1.0], [0.0]]
+    assert descending.fitted()[0].tolist() == fitted
 
 
 def test_batch_equals_singles(objective, smpl, motion):

@@ -11,7 +11,7 @@ import torch
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.meshes.dyna_files import write_dyna
-from bridge.motion import sequences_of, unpack_theta
+from bridge.motion import sequences_of, shape_rows, subject_shapes, unpack_theta
 from bridge.runs import Run
 from bridge.runs.run import best_alignment
 from dsnet.stages.stage_check import CheckConfig
@@ -177,6 +177,38 @@ def test_a_sequence_can_be_left_out(runs, config, capsys):
     assert "1 of 3 sequences left out, as asked" in capsys.readouterr().err
     with pytest.raises(DsnetError, match=r"--leave-out 50004_hop; expected one of 5"):
         main(dataclasses.replace(config, leave_out=("50004_hop",)))
+
+
+def test_each_sequence_may_have_its_own_shape(runs, config, expected):
+    """What every stage after it reads: the shape of a sequence, and one of each person."""
+    _, together = expected
+    artifact, arrays = aligned(dataclasses.replace(config, betas_per="sequence"))
+    sequences = sequences_of(artifact)
+    people = [sequence.subject for sequence in sequences]
+    assert len(arrays["betas"]) == len(sequences) > len(set(people)) == len(together["betas"])
+    assert shape_rows(sequences, arrays["betas"]) == {
+        sequence.name: row for row, sequence in enumerate(sequences)
+    }
+    shapes, first = subject_shapes(sequences, arrays["betas"]), people.index(people[-1])
+    own = arrays["betas"][[row for row, person in enumerate(people) if person == people[-1]]]
+    np.testing.assert_allclose(shapes[people[-1]], own.mean(0), rtol=1e-6)
+    of_person = subject_shapes(sequences, together["betas"])[people[-1]]
+    np.testing.assert_array_equal(of_person, together["betas"][-1])
+    # The sequence that gives the shape of its person is fitted as before.
+    np.testing.assert_allclose(arrays["betas"][first], of_person, atol=1e-5)
+    assert np.ptp(own, axis=0).max() > 1e-4
+
+
+def test_pytorchs_own_sgd_aligns_alike(runs, config, expected):
+    _, arrays = aligned(dataclasses.replace(config, stock=True))
+    for name, array in expected[1].items():
+        np.testing.assert_allclose(arrays[name], array, atol=2e-5, err_msg=name)
+
+
+def test_the_last_iterate_may_be_the_fit(runs, config, expected):
+    last = aligned(dataclasses.replace(config, iterate="last"))[1]
+    assert not np.array_equal(last["theta"], expected[1]["theta"])
+    assert last["frame_error"].mean() >= expected[1]["frame_error"].mean()
 
 
 def test_reads_the_runs_corpus_by_default(runs):
