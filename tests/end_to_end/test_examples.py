@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -30,10 +32,17 @@ APART = ("05", "07", "08", "09")
 """Which take longer, or need what another test makes."""
 
 
-def run_example(path: Path, folder: Path, *arguments: object) -> str:
+def run_example(path: Path, folder: Path, *arguments: object, **environment: str) -> str:
     """What an example prints; warnings are errors."""
     command = [sys.executable, "-W", "error", str(path), *map(str, arguments)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | environment,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -56,6 +65,17 @@ def test_it_runs(path: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["05_gain.py", "08_verify.py"])
 def test_it_runs_too(name: str, tmp_path: Path) -> None:
     assert SAYS[name] in run_example(ROOT / "examples" / name, tmp_path)
+
+
+@pytest.mark.slow
+def test_the_notebook_runs(smoke_runs: Path, tmp_path: Path) -> None:
+    cells = json.loads((ROOT / "examples" / "12_keras.ipynb").read_text(encoding="utf-8"))["cells"]
+    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    assert not any(cell.get("outputs") for cell in cells)
+    script = tmp_path / "cells.py"
+    script.write_text("\n\n".join(code), encoding="utf-8")
+    environment = {"RUN": "smoke", "DSNET_RUNS": str(smoke_runs), "MPLBACKEND": "agg"}
+    assert "65,140" in run_example(script, tmp_path, **environment)
 
 
 @pytest.mark.slow
