@@ -19,13 +19,14 @@ from pathlib import Path
 from benchmarks.claims.__main__ import page as claims_page
 from benchmarks.real_motions import markdown as real_table
 from bridge.runs import Run
-from tools.pages import markers, readme, reliability, scaling, speed, verification
+from tools.pages import markers, paper, readme, reliability, scaling, speed, verification
 from tools.pages.blocks import RESULTS, ROOT, replaced
 
 Text = Callable[[], str]
 WRITTEN: Mapping[str, Text | Mapping[str, Text]] = {
     "README.md": {"verdict": readme.verdict, "times": readme.times},
     "dsnet/prediction/packaged/MODEL_CARD.md": {"card": readme.card},
+    "docs/alignment.md": {"readings": paper.readings},
     "docs/claims.md": claims_page,
     "docs/markers.md": {
         "fitted": markers.fitted,
@@ -36,6 +37,7 @@ WRITTEN: Mapping[str, Text | Mapping[str, Text]] = {
         "many": scaling.many_motions,
         "real": lambda: real_table(RESULTS / "real_motions.json") + "\n",
     },
+    "docs/paper.md": {"departures": paper.ladder},
     "docs/reliability.md": {"counts": reliability.counts},
     "docs/verification.md": {"outcome": verification.outcome},
     "docs/results/demo/speed.md": speed.page,

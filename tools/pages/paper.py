@@ -1,4 +1,4 @@
-"""docs/paper.md: what each departure from the paper's words buys."""
+"""docs/paper.md and docs/alignment.md: departures from the paper's words, and readings of them."""
 
 from __future__ import annotations
 
@@ -32,3 +32,34 @@ def _row(row: dict[str, Any]) -> tuple[str, ...]:
     plus = row["predictor"] == "dsnet_plus"
     code = ("-", "-") if plus else (f"{row['autoencoder_steps']:,}", f"{row['autoencoder_r2']:.2f}")
     return row["text"], *code, f"{clip['r2']:.2f}", f"{clip['mean_mm']:.2f}", f"{new['r2']:.2f}"
+
+
+_READINGS = (
+    "reading | distance to the mesh, mm | R² of the offsets | absorbed | error of β | of joints, °"
+)
+_NAMES = {
+    "closest": "closest iterate, one shape a person",
+    "last": "last iterate",
+    "sequence": "one shape a sequence",
+}
+
+
+def readings() -> str:
+    """The table of `docs/results/alignment/readings.json`, and how it was made."""
+    results = load("alignment/readings")
+    rows = (
+        (
+            f"{_NAMES[name]} (`{' '.join(one['options']) or 'default'}`)",
+            f"{one['distance_mm']:.2f}",
+            f"{one['offsets_r2']:.3f}",
+            f"{one['absorption']['absorbed']:.0%}",
+            f"{one['betas_rms']:.2f}",
+            f"{one['pose_deg']:.2f}",
+        )
+        for name, one in results["readings"].items()
+    )
+    return (
+        f"{table(_READINGS, rows)}\n"
+        f"Synthetic data, run `{results['run']}`, beside the truth. Made by "
+        "`python -m benchmarks.alignment.readings --out docs/results/alignment/readings.json`.\n"
+    )
