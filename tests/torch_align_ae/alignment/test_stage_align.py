@@ -189,14 +189,14 @@ def test_each_sequence_may_have_its_own_shape(runs, config, expected):
     assert shape_rows(sequences, arrays["betas"]) == {
         sequence.name: row for row, sequence in enumerate(sequences)
     }
-    shapes, first = subject_shapes(sequences, arrays["betas"]), people.index(people[-1])
-    own = arrays["betas"][[row for row, person in enumerate(people) if person == people[-1]]]
-    np.testing.assert_allclose(shapes[people[-1]], own.mean(0), rtol=1e-6)
-    of_person = subject_shapes(sequences, together["betas"])[people[-1]]
-    np.testing.assert_array_equal(of_person, together["betas"][-1])
-    # The sequence that gives the shape of its person is fitted as before.
-    np.testing.assert_allclose(arrays["betas"][first], of_person, atol=1e-5)
-    assert np.ptp(own, axis=0).max() > 1e-4
+    person = max(people, key=people.count)
+    own = arrays["betas"][[row for row, one in enumerate(people) if one == person]]
+    shapes = subject_shapes(sequences, arrays["betas"])
+    np.testing.assert_allclose(shapes[person], own.mean(0), rtol=1e-6)
+    # The sequence that gives its person's shape is fitted as before, the others to their own.
+    of_person = subject_shapes(sequences, together["betas"])[person]
+    np.testing.assert_allclose(own[0], of_person, atol=1e-5)
+    assert np.abs(own[1:] - of_person).max() > 1e-4
 
 
 def test_pytorchs_own_sgd_aligns_alike(runs, config, expected):
@@ -207,8 +207,7 @@ def test_pytorchs_own_sgd_aligns_alike(runs, config, expected):
 
 def test_the_last_iterate_may_be_the_fit(runs, config, expected):
     last = aligned(dataclasses.replace(config, iterate="last"))[1]
-    assert not np.array_equal(last["theta"], expected[1]["theta"])
-    assert last["frame_error"].mean() >= expected[1]["frame_error"].mean()
+    assert 1e-6 < np.abs(last["theta"] - expected[1]["theta"]).max() < 0.1
 
 
 def test_reads_the_runs_corpus_by_default(runs):
