@@ -207,7 +207,7 @@ def test_pytorchs_own_sgd_aligns_alike(runs, config, expected):
 
 def test_the_last_iterate_may_be_the_fit(runs, config, expected):
     last = aligned(dataclasses.replace(config, iterate="last"))[1]
-    assert 1e-6 < np.abs(last["theta"] - expected[1]["theta"]).max() < 0.1
+    assert 1e-4 < np.abs(last["theta"] - expected[1]["theta"]).max() < 0.5
 
 
 def test_reads_the_runs_corpus_by_default(runs):
