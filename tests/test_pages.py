@@ -19,7 +19,7 @@ from tools.update_pages import WRITTEN, written
 
 REPORTS = sorted((ROOT / "docs" / "results").glob("*/report.md"))
 NOT_PROSE = re.compile(r"<!--.*?-->|```.*?```|^ {4}.*?$|^\|.*?$", re.DOTALL | re.MULTILINE)
-OTHERS = {("docs/motion_files.md", "kinds")}
+OTHERS = {("docs/results/motion_kinds.md", "kinds")}
 """Blocks that another command writes, of no results file."""
 
 

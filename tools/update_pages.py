@@ -33,14 +33,14 @@ WRITTEN: Mapping[str, Text | Mapping[str, Text]] = {
         "numbers": markers.numbers,
         "recovery": markers.recovery,
     },
-    "docs/motion_files.md": {
-        "many": scaling.many_motions,
-        "real": lambda: real_table(RESULTS / "real_motions.json") + "\n",
-    },
+    "docs/motion_files.md": {"many": scaling.many_motions},
     "docs/paper.md": {"departures": paper.ladder},
     "docs/reliability.md": {"counts": reliability.counts},
     "docs/verification.md": {"outcome": verification.outcome},
     "docs/results/demo/speed.md": speed.page,
+    "docs/results/motion_kinds.md": {
+        "real": lambda: real_table(RESULTS / "real_motions.json") + "\n",
+    },
     "docs/results/scaling/scaling.md": scaling.page,
 }
 """The text of a page, or of its blocks."""

@@ -31,6 +31,6 @@ def test_the_committed_table_is_that_of_its_numbers_and_meets_the_goal():
         assert one["limbs_deg"] < 5
         assert one["worst_limb_deg"] < 5
         assert one["travel_cm_a_metre"] is None or one["travel_cm_a_metre"] < 2
-    page = (DOCS / "motion_files.md").read_text(encoding="utf-8")
+    page = (DOCS / "results" / "motion_kinds.md").read_text(encoding="utf-8")
     table = page.partition("<!-- real -->\n")[2].partition("\n<!-- end of real -->")[0]
     assert table == markdown(RESULT)

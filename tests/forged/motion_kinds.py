@@ -1,6 +1,6 @@
 """Motion files of every kind that people have, forged: one walk, on one skeleton, written by turns.
 
-`python -m tests.forged.motion_kinds` reads them all and writes the table of docs/motion_files.md.
+`python -m tests.forged.motion_kinds` reads them all and writes the table of docs/results/motion_kinds.md.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.skeletons import OWN_NAMES
 from tests.forged.bvh import Skeleton, text, world_of
 
-PAGE = Path(__file__).parents[2] / "docs" / "motion_files.md"
+PAGE = Path(__file__).parents[2] / "docs" / "results" / "motion_kinds.md"
 BEGIN, END = "<!-- kinds -->\n", "<!-- end of kinds -->"
 FRAMES, FPS = 90, 60.0
 MOST_DEG, MOST_M = 1.0, 0.01
