@@ -6,7 +6,8 @@
 #                  [--gender female|male]              (of the synthetic people; men: run <profile>_male)
 #                  [--leave-out SEQUENCE ...]                  (of the registered meshes: not aligned)
 #                  [--engine ray [--address HOST:PORT]]       (on a cluster: docs/scaling.md)
-#                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR [--amass-fps N]] [--dmpl FILE]]  (licensed: docs/data.md)
+#                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR [--amass-list FILE] [--amass-fps N]]
+#                   [--dmpl FILE]]                          (licensed: docs/data.md)
 #   ./reproduce.sh setup                the environment alone, for runs and tests
 #   ./reproduce.sh test                 the environment, then linters, types and tests
 #   ./reproduce.sh test --slow          the same with the tests that take up to minutes each
@@ -107,7 +108,7 @@ run_stages() {
     local aligner="" preset="" engine=() train_ae=() train=()
     while (($#)); do
         case $1 in
-            --profile | --run | --seed | --seeds | --preset | --gender | --aligner | --smpl | --dyna | --amass | --amass-fps | --dmpl | --leave-out | --engine | --address) ;;
+            --profile | --run | --seed | --seeds | --preset | --gender | --aligner | --smpl | --dyna | --amass | --amass-list | --amass-fps | --dmpl | --leave-out | --engine | --address) ;;
             *) refuse "unknown option $1; see ./reproduce.sh --help." ;;
         esac
         [[ -n ${2-} ]] || refuse "$1 needs a value."
@@ -156,9 +157,9 @@ run_stages() {
                 done
                 shift && continue
                 ;;
-            --amass)
+            --amass | --amass-list)
                 path=$(existing "$2")
-                infer+=(--amass "$path")
+                infer+=("$1" "$path")
                 ;;
             --amass-fps) infer+=(--amass-fps "$2") ;;
             --dmpl)

@@ -44,7 +44,7 @@ def reproduce(tmp_path: Path) -> Reproduce:
     (project / ".venv" / "installed").write_text(f"{EVERYTHING}\n")
     for name in ("dsnet", "ruff", "pyright", "python"):
         write_command(project, name, 'echo "$@"')
-    for name in ("body f.pkl", "women.h5", "men.h5"):
+    for name in ("body f.pkl", "women.h5", "men.h5", "women.txt"):
         (caller / name).touch()
 
     write_command(project, "nvidia-smi", "exit 6")  # its answer where there is no GPU
@@ -94,14 +94,14 @@ def test_other_seeds_learn_from_the_same_alignment(
 
 def test_licensed_files_take_the_corpus_place(reproduce: Reproduce, tmp_path: Path) -> None:
     files = ("--smpl", "body f.pkl", "--dyna", "women.h5", "men.h5", "--amass", "amass")
-    files += ("--amass-fps", "60")
+    files += ("--amass-list", "women.txt", "--amass-fps", "60")
     options = ("--profile", "paper", "--seeds", "1", "--run", "x", "--seed", "3")
     called = stages(reproduce(*options, *files))
     assert list(called) == STAGES[1:]
     common, at = "--profile paper --run x --seed 3", tmp_path / "caller"
     meshes = f"--dyna {at}/women.h5 {at}/men.h5"
     assert called["align"] == f"{common} --smpl {at}/body f.pkl {meshes}"
-    motions = f"--amass {at}/amass --amass-fps 60"
+    motions = f"--amass {at}/amass --amass-list {at}/women.txt --amass-fps 60"
     assert called["infer"] == f"{common} {motions}"
     assert called["train"] == common
 
@@ -157,6 +157,7 @@ def test_men_are_a_run_of_their_own(reproduce: Reproduce) -> None:
         (["--smpl", "none.pkl", "--dyna", "women.h5"], "none.pkl does not exist"),
         (["--smpl", "body f.pkl", "--dyna", "women.h5", "none.h5"], "none.h5 does not exist"),
         (["--amass", "nowhere"], "nowhere does not exist"),
+        (["--amass-list", "nowhere"], "nowhere does not exist"),
         (["--smpl"], "--smpl needs a value"),
         (["--dynamics"], "unknown option --dynamics"),
         (["--seeds", "0"], "--seeds 0; expected 1 to 9"),

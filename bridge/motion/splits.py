@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.motion.sequences import MotionSequence, Split
+from bridge.motion.sequences import MotionSequence, Split, is_real_motion
 
 SplitName = Literal["frame", "sequence"]
 TRAIN_TENTHS = 7
@@ -23,7 +23,8 @@ CELLS = {
 }
 """Label of each group of test motions (Figure 9), from the easiest to the hardest."""
 _CHUNK_FRAMES = 128
-_TAKE = re.compile(r"_take\d+$")
+_TAKE = re.compile(r"_take\d+$|_bugfix$")
+_NUMBER = re.compile(r"(?<=[a-z])_?\d+$")
 
 
 @dataclass(frozen=True)
@@ -108,8 +109,13 @@ def take_suffix(take: int) -> str:
 
 
 def kind_of(motion: str) -> str:
-    """The kind of a motion: its name without the number of the take."""
-    return _TAKE.sub("", motion)
+    """The kind of a motion: its name without what tells one take from another.
+
+    Dyna's `running_on_spot_bugfix` is `running_on_spot`, MoSh's `simple_crouch2` and
+    `simple_crouch_3` are `simple_crouch`; a real motion in a synthetic corpus is a kind of its own.
+    """
+    kind = _TAKE.sub("", motion)
+    return kind if is_real_motion(f"_{kind}") else _NUMBER.sub("", kind)
 
 
 def trained_people_and_kinds(sequences: Iterable[MotionSequence]) -> tuple[set[str], set[str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -63,27 +64,30 @@ def _palette(page: Image.Image) -> Image.Image:
 
 def write_mp4(path: Path, *moving: MovingBody, body_px: int = _MP4_BODY_PX) -> None:
     """Write 30 pictures a second, as `write_gif`; raises `OSError` if the encoder fails."""
+    clip = RenderedClip(moving, fps=_MP4_FPS, body_px=body_px)
+    encode_mp4(path, clip, size_px=clip.size_px, fps=clip.fps, comment=facts_in_a_line(*moving))
+
+
+def encode_mp4(
+    path: Path, pages: Iterable[Image.Image], *, size_px: tuple[int, int], fps: float, comment: str
+) -> None:
+    """Write pages of even width and height as H.264, which browsers play.
+
+    Raises `OSError` if the encoder fails. Needs the extra `clip`.
+    """
     import imageio_ffmpeg
 
-    clip = RenderedClip(moving, fps=_MP4_FPS, body_px=body_px)
-    size = "x".join(map(str, clip.size_px))
-    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{clip.fps:g}", "-i", "-"]
+    size = "x".join(map(str, size_px))
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{fps:g}", "-i", "-"]
     codec = ["-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p"]
     # The index comes first, so that a browser plays the file while it loads.
-    container = ["-movflags", "+faststart", "-metadata", f"comment={facts_in_a_line(*moving)}"]
-    command = [
-        imageio_ffmpeg.get_ffmpeg_exe(),
-        "-v",
-        "error",
-        *source,
-        *codec,
-        *container,
-        str(path),
-    ]
+    container = ["-movflags", "+faststart", "-metadata", f"comment={comment}"]
+    ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
+    command = [ffmpeg, "-v", "error", *source, *codec, *container, str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
         assert encoder.stdin is not None
         try:
-            for page in clip:
+            for page in pages:
                 encoder.stdin.write(page.tobytes())
         except BrokenPipeError:
             pass  # the encoder's own message is raised below

@@ -94,7 +94,7 @@ def draw_figure1(path: Path, scene: Scene, sequence: MotionSequence) -> None:
 
 def draw_figure2(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     """Figure 2: a mesh, the mesh unposed, SMPL's shape, SMPL posed, and SMPL with the offsets."""
-    frames, first, name = _lively_frames(scene, sequence, 2), scene.pipelines[0], sequence.name
+    frames, first, name = lively_frames(scene, sequence, 2), scene.pipelines[0], sequence.name
     offsets_m = first.align.frames("offsets", name, frames)
     fitted, plain = (scene.pose(first.align, name, frames, o) for o in (offsets_m, None))
     pose, _ = unpack_theta(first.align.frames("theta", name, frames))
@@ -156,7 +156,7 @@ def draw_figure9(
 
 def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     """Figure 4: aligned meshes, the autoencoder's reconstruction of them, and its error."""
-    frames, first, name = _lively_frames(scene, sequence, 2), scene.pipelines[0], sequence.name
+    frames, first, name = lively_frames(scene, sequence, 2), scene.pipelines[0], sequence.name
     aligned_m = first.align.frames("offsets", name, frames)
     reconstructed_m = first.predicted_m(AUTOENCODER, name, frames)
     original, reconstructed = (
@@ -176,7 +176,7 @@ def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
 
     With two pipelines there are two rows instead of three, so that rendering takes as long.
     """
-    frames = _lively_frames(scene, sequence, 4 - len(scene.pipelines))
+    frames = lively_frames(scene, sequence, 4 - len(scene.pipelines))
     name, first = sequence.name, scene.pipelines[0]
     aligned_m = first.align.frames("offsets", name, frames)
     truth, plain = (scene.pose(first.motions, name, frames, o) for o in (aligned_m, None))
@@ -224,7 +224,7 @@ def _draw(path: Path, scene: Scene, rows: Sequence[Sequence[Panel | None]], **lo
     draw_panels(path, pictures, origin=scene.origin, colour_top_m=top_m, **look)
 
 
-def _lively_frames(scene: Scene, sequence: MotionSequence, count: int) -> NDArray[np.int64]:
+def lively_frames(scene: Scene, sequence: MotionSequence, count: int) -> NDArray[np.int64]:
     """The frame with the largest true offsets in each of `count` equal parts of a sequence."""
     chosen = []
     for part in np.array_split(np.arange(sequence.length), min(count, sequence.length)):

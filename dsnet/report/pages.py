@@ -84,9 +84,16 @@ def _mm_and_r2(results: Mapping[str, Any], group: str, name: str) -> str:
 
 
 def render_markdown(
-    results: Mapping[str, Any], figures: Sequence[Any], departures: Sequence[str], notice: str
+    results: Mapping[str, Any],
+    figures: Sequence[Any],
+    departures: Sequence[str],
+    notice: str,
+    videos: Sequence[str] = (),
 ) -> str:
-    """The report in Markdown; links to its sections replace the template's `[contents]`."""
+    """The report in Markdown; links to its sections replace the template's `[contents]`.
+
+    `videos` are the names of figures that lie in `videos/` as well.
+    """
     shown = [results["predictors"][one["default"]] for one in results["pipelines"].values()]
     page = fill_template(
         "report.md.j2",
@@ -95,6 +102,7 @@ def render_markdown(
         more=[one for one in figures if not one.name.startswith("figure")],
         departures=departures,
         notice=notice,
+        videos=videos,
         table=main_table(results),
         verdict=verdict_lines(results),
         shown=" and ".join(shown),
@@ -110,14 +118,22 @@ def _anchor(title: str) -> str:
 
 
 def render_html(markdown: str, folder: Path, *, title: str, banner: str) -> str:
-    """A self-contained HTML page, in which the pictures of `folder` are embedded."""
+    """A self-contained HTML page, in which pictures and videos of `folder` are embedded."""
 
-    def picture(match: re.Match[str]) -> str:
-        encoded = base64.b64encode((folder / match[1]).read_bytes()).decode("ascii")
-        return f'src="data:image/png;base64,{encoded}"'
+    def embedded(name: str, kind: str) -> str:
+        encoded = base64.b64encode((folder / name).read_bytes()).decode("ascii")
+        return f'src="data:{kind};base64,{encoded}"'
+
+    def video(match: re.Match[str]) -> str:
+        return (
+            f"<video controls loop muted {embedded(match[1], 'video/mp4')}></video>\n<p>{match[2]}"
+        )
 
     body = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
-    body = re.sub(r'src="(figures/[\w.-]+\.png)"', picture, body)
+    body = re.sub(
+        r'src="(figures/[\w.-]+\.png)"', lambda match: embedded(match[1], "image/png"), body
+    )
+    body = re.sub(r'<p><a href="(videos/[\w.-]+\.mp4)">(.*?)</a>', video, body)
     # A sequence's name could contain a link to a remote picture: drop it, browsers would load it.
     body = re.sub(r'<img (?!src="data:)[^>]*>', "", body)
     body = re.sub(r"<h2>(.*?)</h2>", lambda h: f'<h2 id="{_anchor(h[1])}">{h[1]}</h2>', body)

@@ -46,6 +46,7 @@ from dsnet.report.pages import render_html, render_markdown
 from dsnet.report.paper_table import validation_result
 from dsnet.report.results import departures, of_other_seeds, summarise
 from dsnet.report.update import update_stages
+from dsnet.report.videos import can_write, write_videos
 
 _TRAINING_OF = {"decode": ("train-ae", "encode", "train"), INFER_PLUS: (TRAIN_PLUS,)}
 _OPTIONAL = ("corpus", "truth", "verify")
@@ -58,7 +59,8 @@ _ORDER = ("corpus", "truth", "align", "align_robust", "train-ae", "encode", "tra
 class ReportConfig:
     """Draw the figures and write the report: about a minute on two cores, less than 1 GB.
 
-    Gives `report.md`, `report.html` (one file, pictures inside), `results.json`, `figures/`.
+    Gives `report.md`, `report.html` (one file, pictures inside), `results.json`, `figures/` and,
+    where the extra `clip` is installed, `videos/`.
     """
 
     run: str = "demo"
@@ -68,10 +70,12 @@ class ReportConfig:
     new predictor was trained this infers, decodes, evaluates and verifies."""
     panel_px: Fixed[PositiveInt] = 300
     """Height of one rendered body in pixels."""
+    video_pictures: Fixed[PositiveInt] = 60
+    """Most pictures of each video, 30 a second."""
 
 
 PROFILES = {
-    "smoke": ReportConfig(run="smoke", panel_px=200),
+    "smoke": ReportConfig(run="smoke", panel_px=200, video_pictures=4),
     "demo": ReportConfig(run="demo"),
     "paper": ReportConfig(run="paper", panel_px=520),
 }
@@ -94,10 +98,11 @@ def main(config: ReportConfig) -> None:
     body = load_paper_body(str(body_model_path(run)))
     scene = Scene(stages, body, config.panel_px)
     others = of_other_seeds(run, stages["evaluate"])
+    pictures = config.video_pictures if can_write() else 0
     run.build(
         "report",
-        {"panel_px": config.panel_px},
-        lambda writer: _make(writer, scene, config.run, others),
+        {"panel_px": config.panel_px, "video_pictures": pictures},
+        lambda writer: _make(writer, scene, config, others),
         data=scene.origin,
         upstream=stages | {f"seed_{seed}": evaluate for seed, evaluate in others.items()},
     )
@@ -126,19 +131,20 @@ def _require_measured(run: Run, stages: Mapping[str, Artifact], last: Sequence[s
 
 
 def _make(
-    writer: ArtifactWriter, scene: Scene, run_name: str, others: Mapping[int, Artifact]
+    writer: ArtifactWriter, scene: Scene, config: ReportConfig, others: Mapping[int, Artifact]
 ) -> None:
     figures = plan_figures(scene)
     for figure in progress(figures, what="figures", unit="figure"):
         figure.draw(writer.file_path(f"figures/{figure.name}.png"))
-    results = summarise(scene.stages, run_name, scene.body.gender, others)
+    videos = write_videos(writer, figures, config.video_pictures)
+    results = summarise(scene.stages, config.run, scene.body.gender, others)
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"
     writer.file_path("results.json").write_text(text, encoding="utf-8")
     notice = FOOTERS[scene.origin]
     page = writer.file_path("report.md")
-    markdown = render_markdown(results, figures, departures(scene.stages), notice)
+    markdown = render_markdown(results, figures, departures(scene.stages), notice, videos)
     page.write_text(markdown, encoding="utf-8")
-    html = render_html(markdown, page.parent, title=f"DSNet, run {run_name}", banner=notice)
+    html = render_html(markdown, page.parent, title=f"DSNet, run {config.run}", banner=notice)
     writer.file_path("report.html").write_text(html, encoding="utf-8")
 
 
@@ -211,8 +217,8 @@ def _subjects_of_figure9(scene: Scene) -> dict[str, tuple[MotionSequence | None,
     """By motion, a sequence of a training subject and one of a test subject.
 
     Two motions are of kinds that training has seen, two are not: the paper's where the run has
-    them, then those of the most people, new ones first. A note tells which of the four groups the
-    run has no sequence of.
+    them, then those of the most people, new ones first; MoSh's `misc`, which is another motion of
+    everybody, last. A note tells which of the four groups the run has no sequence of.
     """
     predicted = scene.predicted()
     by_motion: dict[str, dict[str, MotionSequence]] = {}
@@ -227,7 +233,7 @@ def _subjects_of_figure9(scene: Scene) -> dict[str, tuple[MotionSequence | None,
 
     def rank(kind: str) -> tuple[int, ...]:
         papers = FIGURE9_MOTIONS.index(kind) if kind in FIGURE9_MOTIONS else len(FIGURE9_MOTIONS)
-        return papers, -len(by_motion[kind]), "new" not in by_motion[kind]
+        return papers, kind == "misc", -len(by_motion[kind]), "new" not in by_motion[kind]
 
     ranked = sorted(by_motion, key=rank)
     groups = [[kind for kind in ranked if (kind in unseen) is is_new] for is_new in (False, True)]

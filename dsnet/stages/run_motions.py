@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from bridge.motion import (
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import PeopleOfFolders, find_motion_files, subject_and_motion
 from bridge.motion.resampling import load_motion
+from bridge.motion.splits import take_suffix
 from bridge.runs import Artifact, Run
 from bridge.runs.run import body_model_path
 from dsnet.prediction.shape_space import with_betas_on
@@ -38,11 +40,14 @@ class MotionSet:
     was aligned."""
 
 
-def find_motions(run: Run, amass: Path | None, encoded: Artifact) -> list[Path]:
-    """AMASS files to predict: those below `amass`, or those of the run's own corpus, or none."""
+def find_motions(
+    run: Run, amass: Path | None, encoded: Artifact, listed: Path | None = None
+) -> list[Path]:
+    """AMASS files to predict: those below `amass`, or of these those that the file `listed` names;
+    or those of the run's own corpus, or none."""
     if amass is not None:
         gender = load_paper_body(str(body_model_path(run))).gender
-        return find_motion_files(amass, gender, [s.name for s in sequences_of(encoded)])
+        return find_motion_files(amass, gender, [s.name for s in sequences_of(encoded)], listed)
     # A corpus in the run's folder is not its own if licensed meshes were aligned beside it.
     if encoded.origin != "synthetic" or not (run.path / "corpus").is_dir():
         return []
@@ -66,7 +71,7 @@ def gather(
     aligned, shapes = shape_rows(sequences, betas), subject_shapes(sequences, betas)
     shape_of_each = len(betas) > len(shapes)
     fitted, stated, body = set(shapes), {**shapes}, None
-    people = PeopleOfFolders(stated)
+    people, used = PeopleOfFolders(stated), {one.name for one in sequences}
     for path in files:
         body = body or load_paper_body(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
@@ -83,10 +88,11 @@ def gather(
         motion = motion.about_root_joint(
             (body.J_regressor @ (body.v_template + body.shapedirs @ shape))[0]
         )
-        length = len(motion.theta)
+        length, name = len(motion.theta), _further_take(subject, name.replace(" ", "_"), used)
         sequences.append(
             MotionSequence(f"{subject}_{name}", subject, name, start, length, motion.fps, "test")
         )
+        used.add(sequences[-1].name)
         theta.append(motion.theta)
         start += length
     if shape_of_each:  # a new take of a known person has the mean of what was fitted
@@ -99,3 +105,9 @@ def gather(
     return MotionSet(
         sequences, np.concatenate(theta).astype(np.float32), np.stack(rows).astype(np.float32)
     )
+
+
+def _further_take(subject: str, motion: str, used: Collection[str]) -> str:
+    """A motion's name: MoSh's `hips` is a second take where Dyna's `50004_hips` was aligned."""
+    takes = itertools.chain([motion], (motion + take_suffix(take) for take in itertools.count(2)))
+    return next(name for name in takes if f"{subject}_{name}" not in used)

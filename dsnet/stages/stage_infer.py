@@ -5,8 +5,8 @@ Networks need TensorFlow; `dsnet_plus` alone loads no framework.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,8 @@ class InferConfig:
     """Run whose predictors predict."""
     amass: Path | None = None
     """Folder of AMASS files or BVHs in place of the corpus's MoSh-like motions: docs/data.md."""
+    amass_list: Path | None = None
+    """Text file that names those of the folder that are meant, one a line: docs/data.md."""
     amass_fps: PositiveFloat | None = None
     """Frame rate of these files in frames per second, where they have a wrong one."""
 
@@ -59,12 +61,14 @@ PROFILES = {name: InferConfig(run=name) for name in ("smoke", "demo", "paper")}
 
 
 def main(config: InferConfig) -> None:
-    if config.amass_fps is not None and config.amass is None:
-        raise DsnetError(
-            f"--amass-fps {config.amass_fps:g} without --amass",
-            "the frame rate of a folder's files",
-            "Pass --amass DIR, or leave --amass-fps out.",
-        )
+    fps = config.amass_fps and f"{config.amass_fps:g}"
+    for option, value in (("--amass-list", config.amass_list), ("--amass-fps", fps)):
+        if value and config.amass is None:
+            raise DsnetError(
+                f"{option} {value} without --amass",
+                "the folder of motions that it is about",
+                f"Pass --amass DIR, or leave {option} out.",
+            )
     run = Run(config.run)
     run.refuse_interrupted(TRAIN, TRAIN_PLUS)
     has_plus = run.finished(TRAIN_PLUS)
@@ -106,7 +110,7 @@ def infer_networks(config: InferConfig) -> Callable[[], Artifact]:
     networks = TrainedNetworks(trained, tuple(names), partial(body_model_path, run))
     _ = networks.by_name  # refused before any work
     sizes = {name: encoded.array(LATENTS_OF[code_of(trained, name)]).shape[1] for name in names}
-    files = find_motions(run, config.amass, encoded)
+    files = find_motions(run, config.amass, encoded, config.amass_list)
 
     def make(writer: ArtifactWriter) -> None:
         motions = gather(encoded, run, files, config.amass_fps)
@@ -135,9 +139,8 @@ def infer_networks(config: InferConfig) -> Callable[[], Artifact]:
             default=trained.manifest["default"],
         )
 
-    upstream = {TRAIN: trained, "encode": encoded}
-    upstream |= {f"motion_{index}": path for index, path in enumerate(files)}
-    return partial(run.build, INFER, config, make, data=trained.origin, upstream=upstream)
+    upstream = {TRAIN: trained, "encode": encoded} | _given(config, files)
+    return partial(run.build, INFER, _options(config), make, data=trained.origin, upstream=upstream)
 
 
 def infer_plus(config: InferConfig) -> Callable[[], Artifact]:
@@ -150,7 +153,7 @@ def infer_plus(config: InferConfig) -> Callable[[], Artifact]:
     trained, align = run.artifact(TRAIN_PLUS), best_alignment(run)
     body, plus = load_paper_body(str(body_model_path(run))), TrainedPlus.load(trained)
     _ = align.array("theta"), align.array("betas")
-    files = find_motions(run, config.amass, align)
+    files = find_motions(run, config.amass, align, config.amass_list)
 
     def make(writer: ArtifactWriter) -> None:
         model = PlusModel(plus, body)
@@ -158,9 +161,23 @@ def infer_plus(config: InferConfig) -> Callable[[], Artifact]:
         labels = {name: one["label"] for name, one in trained.manifest["predictors"].items()}
         writer.record(predictors=labels, default=trained.manifest["default"])
 
-    upstream = {TRAIN_PLUS: trained, align.path.name: align}
-    upstream |= {f"motion_{index}": path for index, path in enumerate(files)}
-    return partial(run.build, INFER_PLUS, config, make, data=align.origin, upstream=upstream)
+    upstream = {TRAIN_PLUS: trained, align.path.name: align} | _given(config, files)
+    return partial(
+        run.build, INFER_PLUS, _options(config), make, data=align.origin, upstream=upstream
+    )
+
+
+def _given(config: InferConfig, files: Sequence[Path]) -> dict[str, Artifact | Path]:
+    """What a user's own files are called among the sources."""
+    motions = {f"motion_{index}": path for index, path in enumerate(files)}
+    return {**motions, **({"motion_list": config.amass_list} if config.amass_list else {})}
+
+
+def _options(config: InferConfig) -> dict[str, Any]:
+    options = asdict(config)
+    if config.amass_list is None:  # as before there was such an option: what is done stays current
+        del options["amass_list"]
+    return options
 
 
 def _write_offsets(

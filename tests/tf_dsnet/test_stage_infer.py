@@ -188,12 +188,29 @@ def test_a_folder_of_amass_is_predicted(trained, encoded_run, tmp_path, monkeypa
     save(tmp_path / "MPI_mosh/50002/kicking_poses.npz", smplh(), gender="male")
     save(tmp_path / "MoSh/00008/misc_stageii.npz", smplx(61, 120.0))
     save(tmp_path / "DFaust_67/50004/50004_hips_poses.npz", smplh())
+    save(tmp_path / "MPI_mosh/50004/hips_poses.npz", smplh(21, 100.0))
     stage_infer.main(InferConfig("tiny", amass=tmp_path))
     made = sequences_of(read_artifact(encoded_run / "infer"))
     tests = [(s.name, s.length) for s in made if s.split == "test"]
-    assert tests == [("50004_kicking", 31), ("00008_misc", 31)]
-    counts = "2 motions; left out: 1 of motions already there, 1 of male bodies, 1 without poses"
+    assert tests == [("50004_hips_take2", 13), ("50004_kicking", 31), ("00008_misc", 31)]
+    counts = "3 motions; left out: 1 of motions already there, 1 of male bodies, 1 without poses"
     assert counts in capsys.readouterr().err
+
+
+def test_a_changed_list_makes_predictions_old(trained, encoded_run, tmp_path, monkeypatch):
+    monkeypatch.setattr(run_motions, "body_model_path", lambda run: "embedded:female")
+    for name in ("50004/kicking", "00008/misc"):
+        save(tmp_path / f"amass/{name}_poses.npz", smplh())
+    listed, found = tmp_path / "women.txt", []
+    for name in ("50004_kicking", "00008_misc"):
+        listed.write_text(name)
+        if found:
+            with pytest.raises(DsnetError, match=r"stage infer is older than '.*women\.txt'"):
+                Run("tiny").artifact("infer")
+        stage_infer.main(InferConfig("tiny", amass=tmp_path / "amass", amass_list=listed))
+        made = sequences_of(Run("tiny").artifact("infer"))
+        found += [sequence.name for sequence in made if sequence.split == "test"]
+    assert found == ["50004_kicking", "00008_misc"]
 
 
 def one_motion(encoded_run, monkeypatch):
@@ -222,9 +239,11 @@ def test_a_folder_is_played_at_the_rate_that_is_asked_for(encoded_run, monkeypat
     assert capsys.readouterr().err == ""
 
 
-def test_a_rate_of_no_folder_is_one_line(encoded_run):
+def test_a_rate_or_a_list_of_no_folder_is_one_line(encoded_run):
     with pytest.raises(DsnetError, match="--amass-fps 60 without --amass"):
         stage_infer.main(InferConfig(run="tiny", amass_fps=60.0))
+    with pytest.raises(DsnetError, match=r"--amass-list women\.txt without --amass"):
+        stage_infer.main(InferConfig(run="tiny", amass_list=Path("women.txt")))
 
 
 def test_a_motion_with_a_cut_is_told_and_starts_anew(trained, encoded_run, monkeypatch, capsys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,10 @@ def take_report(run: Run, *, busy: bool = False) -> None:
     runs = (run.path, *run.path.parent.glob(f"{run.path.name}-seed*"))
     disk = {"run": sum(map(_size, runs)), "environment": _size(ROOT / ".venv"), "busy": busy}
     (target / "disk.json").write_text(json.dumps(disk) + "\n", encoding="utf-8")
-    for name in ("report.md", "results.json"):
-        shutil.copy2(report / name, target / name)
+    shutil.copy2(report / "results.json", target / "results.json")
+    # Videos stay with the run.
+    page = re.sub(r"\[[^]]*\]\(videos/.*\n\n", "", (report / "report.md").read_text("utf-8"))
+    (target / "report.md").write_text(page, encoding="utf-8")
     shutil.rmtree(target / "figures", ignore_errors=True)
     shutil.copytree(report / "figures", target / "figures")
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from bridge.errors import DsnetError, notify
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
 from bridge.motion.readers import amass, bvh, joints, pickles
+from bridge.motion.readers.listed import listed_files
 
 
 class MotionReader(NamedTuple):
@@ -95,25 +96,32 @@ def _suffixes() -> list[str]:
     return [suffix for reader in READERS.values() for suffix in reader.suffixes]
 
 
-def find_motion_files(folder: Path, gender: str, existing: Iterable[str] = ()) -> list[Path]:
+def find_motion_files(
+    folder: Path, gender: str, existing: Iterable[str] = (), listed: Path | None = None
+) -> list[Path]:
     """The motions below `folder` that a body model of `gender` can follow, in order of path.
 
     Left out, with one line on stderr that counts them: files without `poses` (`shape.npz`,
     `*_stagei.npz`, body models); people of the other gender, whose shape coefficients mean
-    something else; and motions whose name is already there: those of `existing` (`DFaust` holds the
-    very motions that Dyna's meshes show) and second copies (SMPL-H beside SMPL-X).
+    something else; second copies (SMPL-H beside SMPL-X); and the very motions of `existing`, which
+    `DFaust` holds of Dyna's meshes and names `50004/50004_hips`. MoSh's `50004/hips` is another
+    recording of what Dyna's `50004_hips` shows. A text file `listed` names those that are meant
+    (`listed_files`).
     """
     other = {"female": "male", "male": "female"}.get(gender)
-    taken, motions, left_out = set(existing), [], Counter[str]()
-    for path in files_below(folder):
-        name = "_".join(subject_and_motion(path))
+    already, taken, motions, left_out = set(existing), set[str](), [], Counter[str]()
+    names = {path: "_".join(subject_and_motion(path)) for path in files_below(folder)}
+    chosen = listed_files(listed, folder, names) if listed else names
+    for path in (path for path in names if path in chosen):
+        # Where one release has a space, the other has an underscore.
+        name = names[path].replace(" ", "_")
         stated = stated_gender(path)
         if stated is None:
             # Other pickles and arrays than motions are everywhere.
             left_out.update(["without poses"] * (path.suffix in READERS["amass"].suffixes))
         elif stated == other:
             left_out[f"of {other} bodies"] += 1
-        elif name in taken:
+        elif name in taken or (name in already and names_its_subject(path)):
             left_out["of motions already there"] += 1
         else:
             taken.add(name)
@@ -134,8 +142,16 @@ def find_motion_files(folder: Path, gender: str, existing: Iterable[str] = ()) -
 def subject_and_motion(path: Path) -> tuple[str, str]:
     """Who does what: `50004_kicking_poses.npz`, `05_06.bvh`, AMASS's `50004/kicking_poses.npz`."""
     stem = path.stem.removesuffix("_poses").removesuffix("_stageii")
+    if not names_its_subject(path):
+        return path.parent.name, stem
     subject, _, motion = stem.partition("_")
-    return (subject, motion) if subject.isdecimal() and motion else (path.parent.name, stem)
+    return subject, motion
+
+
+def names_its_subject(path: Path) -> bool:
+    """Whether a file's own name begins with a subject's number, as D-FAUST's and CMU's do."""
+    subject, _, motion = path.stem.partition("_")
+    return subject.isdecimal() and motion not in ("", "poses", "stageii")
 
 
 class PeopleOfFolders:

@@ -33,14 +33,18 @@ def test_figure_9_finds_its_groups_by_what_a_motion_is(capsys):
         ("50002", "misc_dancing_hiphop", "known_person_unseen_motion"),
         ("50020", "irish_dance", "known_person_unseen_motion"),
         ("00008", "irish_dance", "new_person_unseen_motion"),
-        ("00008", "simple_crouch", "new_person_unseen_motion"),
+        ("50004", "misc_1", "known_person_unseen_motion"),
+        ("00008", "misc", "new_person_unseen_motion"),
+        ("50004", "simple_crouch2", "known_person_unseen_motion"),
+        ("00096", "simple_crouch", "new_person_unseen_motion"),
         ("00096", "jumping_jacks", "new_person_known_motion"),
+        ("50025", "jumping_jacks_1", "known_person_known_motion"),
     )
     assert rows == {
         "one leg jump": (True, False),
-        "jumping jacks": (False, True),
+        "jumping jacks": (True, True),
         "irish dance": (True, True),
-        "simple crouch": (False, True),
+        "simple crouch": (True, True),
     }
     assert capsys.readouterr().err == ""
 

@@ -6,17 +6,21 @@ import base64
 import json
 import re
 import shutil
+import subprocess
+from collections import Counter
 from itertools import pairwise
 from pathlib import Path
+from typing import cast
 
+import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.runs import Run, read_artifact
+from bridge.runs import ArtifactWriter, Run, read_artifact
 from dsnet.evaluation.evaluation import evaluate_run
 from dsnet.evaluation.pipelines import MotionArrays, Pipeline
 from dsnet.pictures.panels import FOOTERS, new_figure
-from dsnet.report import stage_report
+from dsnet.report import stage_report, videos
 from dsnet.report.diagrams import sizes_of
 from dsnet.report.pages import render_html, render_markdown
 from dsnet.report.paper_table import compare, measure
@@ -78,13 +82,49 @@ def test_figures_say_synthetic():
 def test_html_needs_no_other_file(folder):
     page = (folder / "report.html").read_text()
     sources = re.findall(r'(?:src|href)="([^"#][^"]{0,40})', page)
-    assert len(sources) == len(FIGURES)
-    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    kinds = Counter(source.partition(";base64,")[0] for source in sources)
+    embedded = {"data:image/png": "figures", "data:video/mp4": "videos"}
+    present = {kind: name for kind, name in embedded.items() if (folder / name).is_dir()}
+    assert kinds == {kind: len([*(folder / name).iterdir()]) for kind, name in present.items()}
+    assert kinds["data:image/png"] == len(FIGURES)
     encoded = re.findall(r"base64,([^\"]+)", page)
-    files = {path.read_bytes() for path in (folder / "figures").iterdir()}
+    files = {path.read_bytes() for name in present.values() for path in (folder / name).iterdir()}
     assert {base64.b64decode(text) for text in encoded} == files
     assert not re.search(r"<script|@import|url\(", page)
     assert page.count("<table>") == page.count('<div class="wide">') > 5
+
+
+def test_figures_7_and_9_move(folder):
+    """Every second frame of nine at 30 a second; a column for each pipeline, or each person."""
+    ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
+    shown = re.findall(r"\(videos/([\w.-]+)\)", (folder / "report.md").read_text())
+    assert shown == ["figure7_validation.mp4", "figure9_people.mp4"]
+    for name, columns, pictures in zip(shown, (4, 2), (5, 2), strict=True):
+        raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+        command = [ffmpeg, "-i", str(folder / "videos" / name), *raw]
+        done = subprocess.run(command, capture_output=True, check=True)
+        said = done.stderr.decode()
+        assert "30 fps" in said
+        assert re.search(r"comment +: synthetic", said)
+        ((width, height),) = {(int(w), int(h)) for w, h in re.findall(r" (\d{3,})x(\d+)", said)}
+        pages = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3).astype(int)
+        assert len(pages) == pictures
+        column_px = (width - 62) // columns
+        for column in range(columns):
+            own = pages[:, 30:-22, column * column_px : (column + 1) * column_px]
+            assert (own.min(axis=-1) < 200).mean() > 0.02
+            assert np.abs(np.diff(own, axis=0)).max() > 50
+        foot = pages[:, -20:].reshape(len(pages), -1, 3)
+        assert ((foot[..., 0] - foot[..., 2]) > 60).any(axis=1).all()
+
+
+def test_without_an_encoder_the_report_goes_on(monkeypatch, capsys):
+    monkeypatch.setattr(videos, "find_spec", lambda name: None)
+    figure = stage_report.Figure("figure7_validation", print, ())
+    assert videos.write_videos(cast("ArtifactWriter", None), [figure], 4) == []
+    said = capsys.readouterr().err
+    assert "left out: videos, which need imageio-ffmpeg. Install the extra" in said
+    assert said.count("\n") == 1
 
 
 def test_results_hold_the_numbers(folder):

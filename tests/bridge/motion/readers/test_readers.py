@@ -56,6 +56,56 @@ def test_motions_are_found_and_the_rest_is_counted(
         assert part in said
 
 
+def test_what_mosh_calls_like_dyna_is_another_recording(tmp_path: Path) -> None:
+    """MPI_mosh has `50004/hips` too, not Dyna's; the releases differ by a space in names."""
+    save(tmp_path / "DFaust_67/50004/50004_hips_poses.npz", smplh())
+    save(tmp_path / "MPI_mosh/50004/hips_poses.npz", smplh())
+    save(tmp_path / "MPI_mosh/50020/salsa 1_poses.npz", smplh())
+    save(tmp_path / "MoSh/50020/salsa_1_stageii.npz", smplx())
+    found = find_motion_files(tmp_path, "female", existing=["50004_hips"])
+    assert names(found, tmp_path) == [
+        "MPI_mosh/50004/hips_poses.npz",
+        "MPI_mosh/50020/salsa 1_poses.npz",
+    ]
+
+
+def test_a_list_chooses_by_path_or_by_name(folder: Path, tmp_path: Path) -> None:
+    """In the order of paths, once each; who has the other gender is left out as ever."""
+    save(folder / "MPI_mosh/50020/salsa 1_poses.npz", smplh())
+    listed = tmp_path / "women.txt"
+    listed.write_text(
+        "# Table 1\n\n50020_salsa 1\n./MPI_mosh/50004/kicking_poses.npz  # SMPL-H's\n"
+        "50020_salsa_1\n50002_kicking\r\n",
+        encoding="utf-8",
+    )
+    found = find_motion_files(folder, "female", listed=listed)
+    assert names(found, folder) == [
+        "MPI_mosh/50004/kicking_poses.npz",
+        "MPI_mosh/50020/salsa 1_poses.npz",
+    ]
+    assert len(find_motion_files(folder, "neutral", listed=listed)) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (b"50004_kicking\n50004_kickin\n", "line 2: '50004_kickin'; .* mean '50004_kicking'"),
+        (b"MPI_mosh/50004/kicking.npz", "mean 'MPI_mosh/50004/kicking_poses.npz'"),
+        (b"# none\n\n", "which names nothing"),
+        (b"\xff\xfe\x00", "cannot be read"),
+        (None, "cannot be read"),
+    ],
+)
+def test_a_list_of_what_is_not_there_is_refused(
+    folder: Path, tmp_path: Path, text: bytes | None, words: str
+) -> None:
+    listed = tmp_path / "women.txt"
+    if text is not None:
+        listed.write_bytes(text)
+    with pytest.raises(DsnetError, match=words):
+        find_motion_files(folder, "female", listed=listed)
+
+
 def test_the_body_decides_whose_motions_are_kept(folder: Path) -> None:
     male = names(find_motion_files(folder, "male"), folder)
     assert male == ["MPI_mosh/50002/kicking_poses.npz", "MoSh/50020/basketball_stageii.npz"]
