@@ -1,21 +1,22 @@
 """`python -m benchmarks.departures --run demo --out FILE`: what each departure buys.
 
-Every autoencoder learns from the same corpus for the same number of steps; DSNet learns its latents
-and is measured like any run. A killed study goes on.
+Every autoencoder learns from the run's corpus for as many steps as its literal ones; DSNet learns
+the latents and is measured like any run. A killed study goes on.
 """
 
 from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from benchmarks import plugin
-from benchmarks.departures.ladder import CODES, STEPS, Step
+from benchmarks.departures.ladder import CODES, LITERAL, STEPS, Step
 from benchmarks.processes import run_as_process, run_dsnet, run_module
+from bridge.exchange.dsnet import AUTOENCODER
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 from bridge.runs.run import ALIGNMENT
@@ -28,72 +29,85 @@ class DeparturesConfig:
     out: Path
     """File for the results."""
     run: str = "demo"
-    """Run whose corpus and alignment by SGD all have."""
-    steps: int = 175
-    """Steps of each autoencoder."""
-    longer: int = 0
-    """Steps of the two literal autoencoders, trained once more for longer; 0: not."""
-    epochs: int = 750
-    """Epochs of each predictor."""
-    seed: int = 0
+    """Finished run, which has the literal predictors and DSNet+."""
+    longer: int = 5000
+    """Epochs of the literal predictors, trained once more for longer; 0: not."""
 
 
 def main(config: DeparturesConfig) -> None:
     plugin.use()
-    rows = [row for code in CODES for row in _measured(config, code, config.steps)]
-    for code in ("literal", "literal_per_coordinate") if config.longer else ():
-        rows += _measured(config, code, config.longer)
-    results = {"data": Run(config.run).artifact(ALIGNMENT).origin, "rows": rows}
-    results |= {key: value for key, value in asdict(config).items() if key != "out"}
+    source = Run(config.run)
+    trained = source.artifact("train-ae")
+    steps = trained.manifest["config"]["literal_steps"]
+    epochs = source.artifact("train").manifest["config"]["predictors"]["dsnet_literal"]["epochs"]
+    rows = {code: _of_code(source, code, steps, epochs) for code in CODES}
+    rows[""] = [_row(source, step, epochs) for step in STEPS if not step.code]
+    longer = _longer(source, config.longer) if config.longer else []
+    in_order = [row for code in dict.fromkeys(s.code for s in STEPS) for row in rows.pop(code)]
+    in_order.sort(key=lambda row: [step.text for step in STEPS].index(row["text"]))
+    results = {
+        "data": trained.origin,
+        "run": config.run,
+        "machine": trained.manifest["provenance"]["machine"],
+        "rows": [*longer, *in_order],
+    }
     write_text_atomically(config.out, json.dumps(results, indent=1) + "\n")
 
 
-def _measured(config: DeparturesConfig, code: str, steps: int) -> list[dict[str, Any]]:
+def _of_code(source: Run, code: str, steps: int, epochs: int) -> list[dict[str, Any]]:
     """Rows of the steps with one code."""
-    run = Run(f"{config.run}-{code}-{steps}")
+    run, here = Run(f"{source.name}-{code}"), [step for step in STEPS if step.code == code]
+    same = CODES[code].aligner == "sgd"
+    _link(source, run, ("corpus", "truth", *([ALIGNMENT] if same else [])))
+    if not same:
+        run_dsnet("align", "--run", run.name, "--aligner", CODES[code].aligner)
+    autoencoder = ("--run", run.name, "--code", code, "--steps", str(steps))
+    run_module("benchmarks.departures.autoencoder", *autoencoder)
+    return _predicted(run, here, epochs)
+
+
+def _longer(source: Run, epochs: int) -> list[dict[str, Any]]:
+    """The literal predictors again, on the same latents."""
+    run = Run(f"{source.name}-longer")
+    _link(source, run, ("corpus", "truth", ALIGNMENT, "train-ae", "encode"))
+    return _predicted(run, [replace(step, text=f"{step.text}, longer") for step in LITERAL], epochs)
+
+
+def _predicted(run: Run, steps: Sequence[Step], epochs: int) -> list[dict[str, Any]]:
     kept = run.path / "departures.json"
     if not kept.exists():
-        here = [step for step in STEPS if step.code == code]
-        common = ("--run", run.name, "--seed", str(config.seed))
-        _align(Run(config.run), run, CODES[code].aligner)
-        autoencoder = ("--code", code, "--steps", str(steps))
-        run_module("benchmarks.departures.autoencoder", *common, *autoencoder)
-        names = [step.predictor for step in here]
-        run_dsnet("train", *common, "--epochs", str(config.epochs), "--predictors", *names)
+        names = [step.predictor for step in steps]
+        run_dsnet("train", "--run", run.name, "--epochs", str(epochs), "--predictors", *names)
         for stage in ("infer", "decode", "evaluate"):
             run_dsnet(stage, "--run", run.name)
-        rows = [_row(run, step) for step in here]
+        rows = [_row(run, step, epochs) for step in steps]
         write_text_atomically(kept, json.dumps(rows) + "\n")
         shutil.rmtree(run.path / "decode")  # gigabytes
     return json.loads(kept.read_text(encoding="utf-8"))
 
 
-def _align(source: Run, run: Run, aligner: str) -> None:
-    """Link what the run has in common with the source; another aligner aligns anew."""
+def _link(source: Run, run: Run, stages: Sequence[str]) -> None:
     run.path.mkdir(parents=True, exist_ok=True)
-    for stage in ("corpus", "truth", *([ALIGNMENT] if aligner == "sgd" else [])):
+    for stage in stages:
         if (source.path / stage).exists() and not (run.path / stage).exists():
             (run.path / stage).symlink_to(Path("..") / source.path.name / stage)
-    if aligner != "sgd":
-        run_dsnet("align", "--run", run.name, "--aligner", aligner)
 
 
-def _row(run: Run, step: Step) -> dict[str, Any]:
-    trained = run.artifact("train-ae")
-    summary: Mapping[str, Any] = trained.manifest["autoencoder"]
+def _row(run: Run, step: Step, epochs: int) -> dict[str, Any]:
+    trained = run.artifact("train-ae").manifest
+    code = step.predictor.removeprefix("dsnet_")
+    summary = trained[code if code in trained else AUTOENCODER]
     cells = run.artifact("evaluate").manifest["cells"]
     return {
         **asdict(step),
+        "epochs": epochs,
         "autoencoder_steps": summary["steps_taken"],
         "autoencoder_r2": summary["r2_validation"],
-        "validation_loss": [float(x) for x in trained.array("validation_loss")],
-        "validation_steps": [int(x) for x in trained.array("validation_steps")],
         "cells": {
             cell: {key: errors[step.predictor]["mesh"][key] for key in ("r2", "mean_mm")}
             for cell, errors in cells.items()
             if "mesh" in errors.get(step.predictor, {})
         },
-        "machine": trained.manifest["provenance"]["machine"],
     }
 
 

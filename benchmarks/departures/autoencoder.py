@@ -27,7 +27,7 @@ class AutoencoderConfig:
 def main(config: AutoencoderConfig) -> None:
     code = CODES[config.code]
     preset = TrainingPreset(
-        code.normalisation,
+        "standard",
         code.initialisation,
         warmup_steps=20 if code.rate_varies else 0,
         cosine_decay=code.rate_varies,

@@ -7,7 +7,7 @@ from typing import Any
 from tools.pages.blocks import load, table
 
 _HEAD = (
-    "from the paper's words to this repository | autoencoder's steps | its R², validation meshes | "
+    "from the paper's words to this repository | steps of the autoencoder | its R² | epochs of DSNet | "
     "R², held-out clip | mean error, mm | R², new people, known motions"
 )
 
@@ -15,23 +15,25 @@ _HEAD = (
 def ladder() -> str:
     """The table of `docs/results/departures.json`, and how it was made."""
     results = load("departures")
-    first, *_ = rows = results["rows"]
-    longer = f" --longer {results['longer']}" if results["longer"] else ""
     return (
-        f"{table(_HEAD, map(_row, rows))}\n"
+        f"{table(_HEAD, map(_row, results['rows']))}\n"
         "R² is 1 for a perfect code or prediction and 0 for SMPL alone; of predictions it is of "
-        f"the posed mesh. Synthetic data, run `{results['run']}`, "
-        f"{results['epochs']} epochs of DSNet, seed {results['seed']} ({first['machine']}).\n"
-        "Made by `python -m benchmarks.departures --run demo --out docs/results/departures.json"
-        f"{longer}`.\n"
+        f"the posed mesh. Synthetic data, run `{results['run']}`, seed 0 ({results['machine']}). Made "
+        "by `python -m benchmarks.departures --run demo --out docs/results/departures.json`.\n"
     )
 
 
 def _row(row: dict[str, Any]) -> tuple[str, ...]:
     clip, new = row["cells"]["validation"], row["cells"]["new_person_known_motion"]
     plus = row["predictor"] == "dsnet_plus"
-    code = ("-", "-") if plus else (f"{row['autoencoder_steps']:,}", f"{row['autoencoder_r2']:.2f}")
-    return row["text"], *code, f"{clip['r2']:.2f}", f"{clip['mean_mm']:.2f}", f"{new['r2']:.2f}"
+    trained = f"{row['autoencoder_steps']:,}", f"{row['autoencoder_r2']:.2f}", f"{row['epochs']:,}"
+    return (
+        row["text"],
+        *(["-"] * 3 if plus else trained),
+        f"{clip['r2']:.2f}",
+        f"{clip['mean_mm']:.2f}",
+        f"{new['r2']:.2f}",
+    )
 
 
 _READINGS = (
@@ -60,6 +62,7 @@ def readings() -> str:
     )
     return (
         f"{table(_READINGS, rows)}\n"
-        f"Synthetic data, run `{results['run']}`, beside the truth. Made by "
+        f"Synthetic data beside their truth: `{results['profile']}` in clips of about "
+        f"{results['frames']} frames. Made by "
         "`python -m benchmarks.alignment.readings --out docs/results/alignment/readings.json`.\n"
     )
