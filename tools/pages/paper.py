@@ -7,7 +7,8 @@ from typing import Any
 from tools.pages.blocks import load, table
 
 _HEAD = (
-    "from the paper's words to this repository | steps of the autoencoder | its R² | epochs of DSNet | "
+    "from the paper's words to this repository | steps of the autoencoder | its R² | "
+    "epochs of DSNet | "
     "R², held-out clip | mean error, mm | R², new people, known motions"
 )
 
@@ -18,8 +19,8 @@ def ladder() -> str:
     return (
         f"{table(_HEAD, map(_row, results['rows']))}\n"
         "R² is 1 for a perfect code or prediction and 0 for SMPL alone; of predictions it is of "
-        f"the posed mesh. Synthetic data, run `{results['run']}`, seed 0 ({results['machine']}). Made "
-        "by `python -m benchmarks.departures --run demo --out docs/results/departures.json`.\n"
+        f"the posed mesh. Synthetic data, run `{results['run']}`, seed 0 ({results['machine']}). "
+        "Made by `python -m benchmarks.departures --run demo --out docs/results/departures.json`.\n"
     )
 
 
