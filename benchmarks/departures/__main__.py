@@ -13,10 +13,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks import plugin
 from benchmarks.departures.ladder import CODES, LITERAL, STEPS, Step
 from benchmarks.processes import run_as_process, run_dsnet, run_module
-from bridge.exchange.dsnet import AUTOENCODER
+from bridge.exchange.dsnet import AUTOENCODER, LATENTS_OF, LITERAL_CODES, CodeName
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 from bridge.runs.run import ALIGNMENT
@@ -95,14 +97,19 @@ def _link(source: Run, run: Run, stages: Sequence[str]) -> None:
 
 def _row(run: Run, step: Step, epochs: int) -> dict[str, Any]:
     trained = run.artifact("train-ae").manifest
-    code = step.predictor.removeprefix("dsnet_")
-    summary = trained[code if code in trained else AUTOENCODER]
+    literal = (code for code in LITERAL_CODES if step.predictor == f"dsnet_{code}")
+    code: CodeName = next(literal, AUTOENCODER)
+    summary = trained[code]
     cells = run.artifact("evaluate").manifest["cells"]
+    latents = run.artifact("encode").array(LATENTS_OF[code])
+    mean = latents.mean(axis=0)
     return {
         **asdict(step),
         "epochs": epochs,
         "autoencoder_steps": summary["steps_taken"],
         "autoencoder_r2": summary["r2_validation"],
+        "latents_mean": float(np.linalg.norm(mean)),
+        "latents_deviation": float(np.linalg.norm(latents - mean, axis=1).mean()),
         "cells": {
             cell: {key: errors[step.predictor]["mesh"][key] for key in ("r2", "mean_mm")}
             for cell, errors in cells.items()
