@@ -54,7 +54,7 @@ THIRD_PARTIES = {
         "synthetic": {"h5py", "numpy", "scipy", "tyro"},
         "evaluation": {"numpy", "scipy"},
         "pictures": {"embreex", "jinja2", "matplotlib", "numpy", "scipy"},
-        "report": {"markdown_it", "matplotlib", "numpy", "tyro"},
+        "report": {"PIL", "markdown_it", "matplotlib", "numpy", "tyro"},
         "markers": {"matplotlib", "numpy", "scipy"},
         "prediction": {"numpy", "onnx", "scipy", "trimesh"},
         "stream": {"numpy"},

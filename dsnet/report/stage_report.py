@@ -57,7 +57,7 @@ _ORDER = ("corpus", "truth", "align", "align_robust", "train-ae", "encode", "tra
 
 @dataclass(frozen=True)
 class ReportConfig:
-    """Draw the figures and write the report: about a minute on two cores, less than 1 GB.
+    """Draw the figures and write the report: one to two minutes on two cores, less than 1 GB.
 
     Gives `report.md`, `report.html` (one file, pictures inside), `results.json`, `figures/` and,
     where the extra `clip` is installed, `videos/`.
@@ -70,7 +70,7 @@ class ReportConfig:
     new predictor was trained this infers, decodes, evaluates and verifies."""
     panel_px: Fixed[PositiveInt] = 300
     """Height of one rendered body in pixels."""
-    video_pictures: Fixed[PositiveInt] = 60
+    video_pictures: Fixed[PositiveInt] = 45
     """Most pictures of each video, 30 a second."""
 
 
