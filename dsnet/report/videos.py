@@ -1,4 +1,4 @@
-"""The video that accompanies the paper (Section 6): bodies of Figures 7 and 9, moving side by side."""
+"""The video that accompanies the paper (Section 6): Figures 7 and 9, moving."""
 
 from __future__ import annotations
 

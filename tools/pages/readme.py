@@ -27,7 +27,9 @@ def take_report(run: Run, *, busy: bool = False) -> None:
     (target / "disk.json").write_text(json.dumps(disk) + "\n", encoding="utf-8")
     shutil.copy2(report / "results.json", target / "results.json")
     # Videos stay with the run.
-    page = re.sub(r"\[[^]]*\]\(videos/.*\n\n", "", (report / "report.md").read_text("utf-8"))
+    page = re.sub(
+        r"\[[^]]*\]\(videos/.*\n\n", "", (report / "report.md").read_text(encoding="utf-8")
+    )
     (target / "report.md").write_text(page, encoding="utf-8")
     shutil.rmtree(target / "figures", ignore_errors=True)
     shutil.copytree(report / "figures", target / "figures")
