@@ -97,8 +97,8 @@ def _link(source: Run, run: Run, stages: Sequence[str]) -> None:
 
 def _row(run: Run, step: Step, epochs: int) -> dict[str, Any]:
     trained = run.artifact("train-ae").manifest
-    literal = (code for code in LITERAL_CODES if step.predictor == f"dsnet_{code}")
-    code: CodeName = next(literal, AUTOENCODER)
+    codes: tuple[CodeName, ...] = (*LITERAL_CODES, AUTOENCODER)
+    code = next(one for one in codes if step.predictor == f"dsnet_{one}" or one == AUTOENCODER)
     summary = trained[code]
     cells = run.artifact("evaluate").manifest["cells"]
     latents = run.artifact("encode").array(LATENTS_OF[code])
