@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks import plugin
 from benchmarks.departures.ladder import CODES, LITERAL, STEPS, Step
 from benchmarks.processes import run_as_process, run_dsnet, run_module
-from bridge.exchange.dsnet import AUTOENCODER, LATENTS_OF, LITERAL_CODES, CodeName
+from bridge.exchange.dsnet import AUTOENCODER, LATENTS_OF, LITERAL_CODES, LITERAL_DSNETS, CodeName
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 from bridge.runs.run import ALIGNMENT
@@ -97,8 +97,7 @@ def _link(source: Run, run: Run, stages: Sequence[str]) -> None:
 
 def _row(run: Run, step: Step, epochs: int) -> dict[str, Any]:
     trained = run.artifact("train-ae").manifest
-    codes: tuple[CodeName, ...] = (*LITERAL_CODES, AUTOENCODER)
-    code = next(one for one in codes if step.predictor == f"dsnet_{one}" or one == AUTOENCODER)
+    code = _code_of(step.predictor)
     summary = trained[code]
     cells = run.artifact("evaluate").manifest["cells"]
     latents = run.artifact("encode").array(LATENTS_OF[code])
@@ -116,6 +115,10 @@ def _row(run: Run, step: Step, epochs: int) -> dict[str, Any]:
             if "mesh" in errors.get(step.predictor, {})
         },
     }
+
+
+def _code_of(predictor: str) -> CodeName:
+    return next((c for c in LITERAL_CODES if LITERAL_DSNETS[c] == predictor), AUTOENCODER)
 
 
 if __name__ == "__main__":
