@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks import plugin
 from benchmarks.departures.ladder import CODES, LITERAL, STEPS, Step
 from benchmarks.processes import run_as_process, run_dsnet, run_module
-from bridge.exchange.dsnet import AUTOENCODER, LATENTS_OF, LITERAL_CODES, LITERAL_DSNETS, CodeName
+from bridge.exchange.dsnet import AUTOENCODER, LATENTS_OF, LITERAL_DSNETS, CodeName
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 from bridge.runs.run import ALIGNMENT
@@ -118,7 +118,10 @@ def _row(run: Run, step: Step, epochs: int) -> dict[str, Any]:
 
 
 def _code_of(predictor: str) -> CodeName:
-    return next((c for c in LITERAL_CODES if LITERAL_DSNETS[c] == predictor), AUTOENCODER)
+    for code, literal in LITERAL_DSNETS.items():
+        if literal == predictor:
+            return code
+    return AUTOENCODER
 
 
 if __name__ == "__main__":
