@@ -6,17 +6,19 @@ trainer, learner and KerasSMPL that the product uses.
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.exchange.dsnet import Clips
+from bridge.exchange.dsnet import Clips, TrainedDsnet
 from bridge.exchange.engine import NORMALISER, Tensors, batches, joined, prefixed, serve, trained
 from bridge.exchange.weights import mesh_autoencoder_from_keras
-from tf_dsnet import mesh_autoencoder, model
+from tf_dsnet import keras_files, mesh_autoencoder, model
 from tf_dsnet.clip_batches import ClipBatches
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, TorchAdam
@@ -95,6 +97,41 @@ def dsnet_fit(weights: Tensors, steps: list[int], **arrays: NDArray) -> Tensors:
     epochs = iter(range(max(steps)))
     learned = trained(steps, (0.0, dict(weights)), lambda: fit(next(epochs)), state)
     return {name: a for name, a in learned.items() if name.startswith(("step_", "losses"))}
+
+
+def dsnet_exported(weights: Tensors, motion: NDArray, form: str, saved: str = "") -> Tensors:
+    """Latents (B, T, 100) of a `.keras` file or of what `dsnet export` makes of it.
+
+    `form` is `keras`, `savedmodel` or `tflite`; without a file `saved` the network is saved first.
+    """
+    _compute_in(motion)
+    with tempfile.TemporaryDirectory() as folder:
+        path, made = Path(saved or f"{folder}/network.keras"), Path(folder, form)
+        if not saved:
+            network = keras_files.stock_network(TrainedDsnet.from_arrays("dsnet", weights))
+            keras_files.save_keras(network, path)
+        if form == "keras":
+            latents = keras.models.load_model(path)(motion)
+        elif form == "savedmodel":
+            keras_files.write_savedmodel(made, path)
+            served = tf.saved_model.load(made)  # held, as its function does not hold its weights
+            latents = served.serve(motion)
+        else:
+            keras_files.write_tflite(made, path)
+            runner = tf.lite.Interpreter(str(made)).get_signature_runner()
+            latents = np.stack([_stepped(runner, clip) for clip in motion])
+        return {"layer/latents": np.asarray(latents)}
+
+
+def _stepped(runner: Any, clip: NDArray) -> NDArray:
+    """Latents (T, 100) of a clip (T, 79), frame by frame."""
+    shapes = {name: about["shape"] for name, about in runner.get_input_details().items()}
+    states = {name: np.zeros(s, np.float32) for name, s in shapes.items() if name != "motion"}
+    latents = []
+    for frame in clip:
+        states = runner(motion=frame[None], **states)
+        latents.append(states.pop("latents")[0])
+    return np.array(latents)
 
 
 def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: str) -> Tensors:
@@ -254,8 +291,20 @@ def _exact(adam: keras.optimizers.Adam) -> None:
         adam.beta_1, adam.beta_2 = np.float64(adam.beta_1), np.float64(adam.beta_2)
 
 
+def here(engine: str) -> str:
+    """Why there is no such engine here; the one that needs no GPU computes without."""
+    if not engine.endswith("-gpu"):
+        tf.config.set_visible_devices([], "GPU")
+        return ""
+    if not tf.config.list_physical_devices("GPU"):
+        return "TensorFlow finds no GPU"
+    tf.config.experimental.enable_tensor_float_32_execution(False)  # ten bits: no float32
+    return ""
+
+
 if __name__ == "__main__":
     operations = (
-        dsnet_forward, dsnet_train, dsnet_fit, ae_forward, ae_train, smpl, oscillators_train
+        dsnet_forward, dsnet_train, dsnet_fit, dsnet_exported, ae_forward, ae_train, smpl,
+        oscillators_train,
     )  # fmt: skip
-    serve(*operations, packages=("tensorflow", "keras"))
+    serve(*operations, packages=("tensorflow", "keras"), here=here)

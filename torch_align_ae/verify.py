@@ -7,6 +7,7 @@ optimizers and SMPL that the product uses.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from types import ModuleType
 from typing import Any
 
 import torch
@@ -16,6 +17,8 @@ from torch import Tensor, nn
 from bridge.body import load_body_model
 from bridge.exchange.engine import NORMALISER, Tensors, batches, joined, prefixed, serve, trained
 from bridge.exchange.weights import TORCH_ADAM, dsnet_from_torch
+from torch_align_ae.alignment import sgd, stock_sgd
+from torch_align_ae.alignment.mesh_distance import MeshDistance
 from torch_align_ae.autoencoder.codes import Codec, Normaliser
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.body import SMPL, unpose
@@ -31,9 +34,9 @@ def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
     model = _dsnet(weights).eval()
     if run != "steps":
         parts = batches(motion, run)
-        return joined(_layers(model, model, torch.from_numpy(rows))[0] for rows in parts)
+        return joined(_layers(model, model, _tensor(rows))[0] for rows in parts)
     frames, state = [], None
-    for frame in torch.from_numpy(motion).split(1, dim=1):
+    for frame in _tensor(motion).split(1, dim=1):
         outputs, (_latents, state) = _layers(model, model.step, frame, state)
         frames.append(outputs)
     return joined(frames, axis=1)
@@ -41,7 +44,7 @@ def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
 
 def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **clips: NDArray) -> Tensors:
     """Layers, loss and gradients of a first training pass, and the training steps after it."""
-    given = {name: torch.from_numpy(array) for name, array in clips.items()}
+    given = {name: _tensor(array) for name, array in clips.items()}
     real = given["real"] if masked else None
     model = _dsnet(weights).train()
 
@@ -55,7 +58,9 @@ def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **clips: NDArr
 
 
 @torch.inference_mode()
-def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: str) -> Tensors:
+def ae_forward(
+    weights: Tensors, values: NDArray, architecture: Options, run: str, bfloat16: bool = False
+) -> Tensors:
     """Outputs of every layer, and of the normaliser if the weights contain one."""
     scaling = [weights.pop(name) for name in NORMALISER if name in weights]
     model = _autoencoder(weights, architecture).eval()
@@ -67,18 +72,19 @@ def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: st
     modules = [module for module in model.modules() if not list(module.children())]
 
     def layers(rows: Tensor) -> Tensors:
-        outputs, _restored = _outputs(modules, model, rows)
+        with _autocast(bfloat16):
+            outputs, _restored = _outputs(modules, model, rows)
         # Inside, vertices come before the batch.
         batch_first = [o.swapaxes(0, 1) if o.ndim == 3 else o for o in outputs]
         return dict(zip(names, batch_first, strict=True))
 
     if not scaling:
-        return joined(layers(torch.from_numpy(rows)) for rows in batches(values, run))
-    normaliser = Normaliser(*(torch.from_numpy(array) for array in scaling))
-    normalised = normaliser.normalise(torch.from_numpy(values))
-    outputs = {"normaliser.normalise": normalised.numpy(), **layers(normalised)}
-    last = torch.from_numpy(outputs["to_coordinates"])
-    outputs["normaliser.denormalise"] = normaliser.denormalise(last).numpy()
+        return joined(layers(_tensor(rows)) for rows in batches(values, run))
+    normaliser = Normaliser(*(_tensor(array) for array in scaling))
+    normalised = normaliser.normalise(_tensor(values))
+    outputs = {"normaliser.normalise": _array(normalised), **layers(normalised)}
+    last = _tensor(outputs["to_coordinates"])
+    outputs["normaliser.denormalise"] = _array(normaliser.denormalise(last))
     return prefixed("layer", outputs)
 
 
@@ -88,14 +94,16 @@ def ae_train(
     architecture: Options,
     steps: list[int],
     target: NDArray | None = None,
+    bfloat16: bool = False,
 ) -> Tensors:
     """Loss and gradients of reconstructing one batch, and training steps on it."""
     model = _autoencoder(weights, architecture).train()
-    inputs = torch.from_numpy(values)
-    expected = inputs if target is None else torch.from_numpy(target)
+    inputs = _tensor(values)
+    expected = inputs if target is None else _tensor(target)
 
     def loss() -> Tensor:
-        return nn.functional.mse_loss(model(inputs), expected)
+        with _autocast(bfloat16):
+            return nn.functional.mse_loss(model(inputs), expected)
 
     adam = torch.optim.Adam(model.parameters(), TORCH_ADAM.learning_rate, fused=True)
     return _trained(model, adam, loss, dict, steps)
@@ -103,11 +111,11 @@ def ae_train(
 
 def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tensors:
     """Parts of the forward pass, the unposed mesh, and the gradients of sum(probe * vertices)."""
-    given = {name: torch.from_numpy(array) for name, array in arguments.items()}
-    posed = SMPL(load_body_model(body), given["pose"].dtype)
+    given = {name: _tensor(array) for name, array in arguments.items()}
+    posed = _body(body, given["pose"])
     variables = {name: value.clone().requires_grad_() for name, value in given.items()}
     vertices = posed(**variables)
-    total = (torch.from_numpy(probe) * vertices).sum()
+    total = (_tensor(probe) * vertices).sum()
     gradients = torch.autograd.grad(total, list(variables.values()))
     motion = {name: given[name] for name in ("betas", "pose", "trans")}
     outputs = {
@@ -115,22 +123,54 @@ def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tens
         "joints": posed.joints(given["betas"]),
         "rest_vertices": posed.rest_vertices(given["betas"], given["pose"]),
         "vertices": vertices.detach(),
-        "unposed": unpose(posed, torch.from_numpy(mesh), **motion),
+        "unposed": unpose(posed, _tensor(mesh), **motion),
     }
     named = dict(zip(variables, gradients, strict=True))
-    return prefixed("layer", outputs) | prefixed("grad", named)
+    return {
+        **prefixed("layer", {name: _array(output) for name, output in outputs.items()}),
+        **prefixed("grad", {name: _array(gradient) for name, gradient in named.items()}),
+    }
+
+
+def descent(body: str, mesh: NDArray, steps: int, **start: NDArray) -> Tensors:
+    """The closest iterates of a descent to meshes, and their distances.
+
+    It fits pose and translation from `start` at its betas, or, without a start, the shape too.
+    """
+    given = {name: _tensor(array) for name, array in start.items()}
+    meshes = _tensor(mesh)
+    posed, settings = _body(body, meshes), sgd.Descent(shape_steps=steps)
+    objective = MeshDistance(posed)
+    target = objective.arrange(meshes)
+
+    def found_by(fit: ModuleType) -> Tensors:
+        if given:
+            betas, begin = given["betas"], (given["pose"], given["trans"])
+            motion = fit.fit_pose(objective.shapes(betas), begin, target, steps, settings)
+        else:
+            betas, *motion = fit.fit_shape_and_pose(objective, target, settings)
+        found = dict(zip(("betas", "pose", "trans"), (betas, *motion), strict=True))
+        distances = torch.linalg.vector_norm(posed(**found) - meshes, dim=(1, 2))
+        fitted = {name: array for name, array in found.items() if not given or name != "betas"}
+        return {name: _array(t) for name, t in {**fitted, "distances": distances}.items()}
+
+    return prefixed("descent", found_by(sgd)) | prefixed("stock descent", found_by(stock_sgd))
 
 
 def _dsnet(weights: Tensors) -> DSNet:
     """DSNet in the precision of the weights."""
-    model = DSNet().to(torch.from_numpy(weights["lstm/bias"]).dtype)
+    model = DSNet().to(_tensor(weights["lstm/bias"]).dtype)
     assign_weights(model, weights)
     return model
 
 
+def _body(path: str, like: Tensor) -> SMPL:
+    return SMPL(load_body_model(path), like.dtype).to(like.device)
+
+
 def _autoencoder(weights: Tensors, architecture: Options) -> MeshAutoencoder:
     model = Codec.empty(architecture).model
-    state = {name: torch.from_numpy(array) for name, array in weights.items()}
+    state = {name: _tensor(array) for name, array in weights.items()}
     model.load_state_dict(state, assign=True)
     return model
 
@@ -152,7 +192,7 @@ def _outputs(
 
     def record(_module: nn.Module, _inputs: object, output: Tensor | tuple[Tensor, ...]) -> None:
         tensor = output[0] if isinstance(output, tuple) else output  # an LSTM returns its state too
-        recorded.append(tensor.detach().numpy().copy())
+        recorded.append(_array(tensor))
 
     hooks = [module.register_forward_hook(record) for module in modules]
     returned = call(*arguments)
@@ -183,20 +223,48 @@ def _trained(
         return value
 
     def state() -> dict[str, Tensors]:
-        arrays = {"weight": {n: v.detach().numpy().copy() for n, v in model.state_dict().items()}}
+        arrays = {"weight": {n: _array(v) for n, v in model.state_dict().items()}}
         for kind, key in (("adam_m", "exp_avg"), ("adam_v", "exp_avg_sq")):
-            arrays[kind] = {n: adam.state[p][key].numpy().copy() for n, p in learned.items()}
+            arrays[kind] = {n: _array(adam.state[p][key]) for n, p in learned.items()}
         return {kind: canonical(named) for kind, named in arrays.items()}
 
     before = {name: buffer.clone() for name, buffer in model.named_buffers()}
     first = one_pass()
     for name, buffer in model.named_buffers():
         buffer.copy_(before[name])
-    gradients = {name: p.grad.numpy() for name, p in learned.items() if p.grad is not None}
+    gradients = {name: _array(p.grad) for name, p in learned.items() if p.grad is not None}
     return trained(steps, (first, canonical(gradients)), step, state)
 
 
-OPERATIONS = (dsnet_forward, dsnet_train, ae_forward, ae_train, smpl)
+def _tensor(array: NDArray) -> Tensor:
+    """In memory where this engine computes."""
+    return torch.from_numpy(array).to(torch.get_default_device())
+
+
+def _array(tensor: Tensor) -> NDArray:
+    """A copy; what was computed in bfloat16 in float32."""
+    tensor = tensor.detach()
+    wide = tensor.float() if tensor.dtype == torch.bfloat16 else tensor
+    return wide.cpu().numpy().copy()
+
+
+def _autocast(bfloat16: bool) -> torch.autocast:
+    """As a training step of the autoencoder runs in bfloat16."""
+    device = torch.get_default_device().type
+    return torch.autocast(device, torch.bfloat16, enabled=bfloat16)
+
+
+def here(engine: str) -> str:
+    """Why there is no such engine here; that of a GPU computes there from now on."""
+    if engine.endswith("-gpu"):
+        if not torch.cuda.is_available():
+            return "PyTorch finds no GPU"
+        torch.set_default_device("cuda")
+        torch.backends.cudnn.allow_tf32 = False  # ten bits: no float32
+    return ""
+
+
+OPERATIONS = (dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, descent)
 
 if __name__ == "__main__":
-    serve(*OPERATIONS, packages=("torch",))
+    serve(*OPERATIONS, packages=("torch",), here=here)

@@ -20,17 +20,26 @@ from numpy.typing import NDArray
 from bridge.exchange import load_weights, save_weights
 from bridge.installation import version_of
 
-DTypeName = Literal["float64", "float32"]
+DTypeName = Literal["float64", "float32", "bfloat16"]
+"""bfloat16: of products of matrices alone; all arrays are float32, and the operation is told."""
 Tensors = dict[str, NDArray[Any]]
 Operation = Callable[..., Tensors]
 
 NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 
 
-def serve(*operations: Operation, packages: Iterable[str]) -> None:
-    """Be an engine: what its module does as a process; `packages` are those that compute."""
+def serve(
+    *operations: Operation, packages: Iterable[str], here: Callable[[str], str] | None = None
+) -> None:
+    """Be an engine: what its module does as a process; `packages` are those that compute.
+
+    `here` prepares for the engine of a name; if that cannot be on this machine, it says why.
+    """
     engine, request, out = sys.argv[1:]
     named = {operation.__name__: operation for operation in operations}
+    if missing := here(engine) if here else "":
+        _write_answer(Path(out), missing=missing)
+        return
     answer(engine, Path(request), Path(out), named, packages)
 
 
@@ -50,16 +59,20 @@ def answer(
             for kind in ("weights", "inputs")
         )
         given = [weights] if weights else []
+        options = case["options"] | ({"bfloat16": True} if case["dtype"] == "bfloat16" else {})
         try:
-            tensors = operations[case["op"]](*given, **inputs, **case["options"])
+            tensors = operations[case["op"]](*given, **inputs, **options)
         except Exception as error:
             # One engine's failure is a finding about that case, not the end of the others.
             errors[name] = " ".join(f"{type(error).__name__}: {error}".split())
             continue
         save_tensors(out / f"{name}.safetensors", tensors)
     versions = {package: version_of(package) for package in ("numpy", *packages)}
-    report = json.dumps({"versions": versions, "errors": errors}, indent=1)
-    (out / "answer.json").write_text(report, encoding="utf-8")
+    _write_answer(out, versions=versions, errors=errors)
+
+
+def _write_answer(out: Path, **facts: Any) -> None:
+    (out / "answer.json").write_text(json.dumps(facts, indent=1), encoding="utf-8")
 
 
 def save_tensors(path: Path, tensors: Tensors) -> None:
@@ -73,7 +86,8 @@ def load_tensors(path: Path) -> Tensors:
 
 
 def _in_precision(arrays: Tensors, dtype: DTypeName) -> Tensors:
-    return {n: a if a.dtype.kind in "bi" else a.astype(dtype) for n, a in arrays.items()}
+    of_arrays = "float64" if dtype == "float64" else "float32"
+    return {n: a if a.dtype.kind in "bi" else a.astype(of_arrays) for n, a in arrays.items()}
 
 
 def prefixed(prefix: str, arrays: Mapping[str, Any]) -> Tensors:

@@ -29,7 +29,14 @@ from dsnet.report.paper_table import (
 
 _FROM_EVALUATE = ("predictors", "default", "pipelines", "test_bed", "cells", "alignments")
 _FORWARD_PARTS = ("layers", "loss", "losses")
-_PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream": "numpy"}
+_PACKAGES = {
+    "torch": "torch",
+    "torch-gpu": "torch",
+    "keras": "keras",
+    "keras-gpu": "keras",
+    "onnx": "onnxruntime",
+    "stream": "numpy",
+}
 _NOT_SHOWN = ("command", "finished_utc", "sha256", "stamps", "input_stamps")
 """Keys of every stage's provenance that the report leaves out."""
 _SHARED = ("truth", ALIGNMENT, ROBUST_ALIGNMENT)

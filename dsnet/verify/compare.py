@@ -27,7 +27,13 @@ from dsnet.verify.engines import (
     write_requests,
 )
 
-TOLERANCES = {"FLOAT64": 1e-10, "FLOAT32_FORWARD": 1e-5, "FLOAT32_GRADIENT": 1e-4}
+TOLERANCES = {
+    "FLOAT64": 1e-10,
+    "FLOAT32_FORWARD": 1e-5,
+    "FLOAT32_GRADIENT": 1e-4,
+    "BFLOAT16_FORWARD": 3e-2,
+    "BFLOAT16_GRADIENT": 1e-1,
+}
 """Largest differences relative to the tensor's scale; docs/verification.md says why."""
 CAUSES = {
     "layers": "layer {layer}",
@@ -37,6 +43,8 @@ CAUSES = {
     "statistics": "running statistics {parameter}",
     "weights": "Adam's update (its moments agree), first of {parameter}",
     "losses": "the losses of later steps",
+    "descent": "the descent's closest iterates, first of {layer}",
+    "stock descent": "those of torch.optim.SGD with autograd, first of {layer}",
 }
 """Sentences by kind of part, in the order in which a mistake becomes visible."""
 
@@ -48,7 +56,7 @@ class Row:
     check: str
     part: str
     """`layers`, `loss`, `gradients`, `moments after n`, `weights after n`, `statistics after n`,
-    `losses` (before each step)."""
+    `losses` (before each step), `descent`, `stock descent` (their closest iterates)."""
     engine: str
     dtype: DTypeName
     max_abs: float
@@ -67,6 +75,27 @@ class Row:
     """Why there was nothing to compare."""
 
 
+@dataclass(frozen=True)
+class Skipped:
+    """A check that an engine was not asked, in one precision."""
+
+    check: str
+    engine: str
+    dtype: DTypeName
+    reason: str
+
+
+def skipped_rows(checks: Iterable[Check], results: Mapping[str, EngineResult]) -> list[Skipped]:
+    """What this machine could not compare."""
+    return [
+        Skipped(check.name, engine, dtype, results[engine].missing)
+        for check in checks
+        for engine, dtypes in check.engines.items()
+        if results[engine].missing
+        for dtype in dtypes
+    ]
+
+
 def verify(
     checks: Sequence[Check],
     folder: Path,
@@ -74,6 +103,7 @@ def verify(
 ) -> tuple[list[Row], dict[str, EngineResult]]:
     """Run some checks on their engines; gives all rows, and the result of each engine.
 
+    An engine that this machine cannot have (`EngineResult.missing`) has no rows.
     `folder`, which must be empty, receives requests and results.
     """
     engines = dict.fromkeys([REFERENCE, *(name for check in checks for name in check.engines)])
@@ -87,6 +117,7 @@ def verify(
         for check in checks
         for engine, dtypes in check.engines.items()
         for dtype in dtypes
+        if not results[engine].missing
         for row in _rows_of(check, engine, dtype, results)
     ]
     return rows, results
@@ -137,8 +168,9 @@ def _difference(
 ) -> _Difference:
     if actual is None:
         return _Difference(np.inf, np.inf, (), "no such tensor")
-    if (expected.shape, dtype) != (actual.shape, actual.dtype):
-        problem = f"{actual.dtype} {actual.shape} for {dtype} {expected.shape}"
+    stored = "float32" if dtype == "bfloat16" else dtype
+    if (expected.shape, stored) != (actual.shape, actual.dtype):
+        problem = f"{actual.dtype} {actual.shape} for {stored} {expected.shape}"
         return _Difference(np.inf, np.inf, (), problem)
     difference = np.abs(actual.astype(np.float64) - expected)
     # Treat NaN as infinitely far off: comparisons with NaN are false and would hide it.
@@ -164,8 +196,8 @@ def tolerance_of(part: str, dtype: DTypeName) -> float:
     """The tolerance of a part, relative to the tensor's scale."""
     if dtype == "float64":
         return TOLERANCES["FLOAT64"]
-    forward = part in ("layers", "loss", "losses")
-    return TOLERANCES["FLOAT32_FORWARD" if forward else "FLOAT32_GRADIENT"]
+    kind = "FORWARD" if part in ("layers", "loss", "losses") else "GRADIENT"
+    return TOLERANCES[f"{dtype.upper()}_{kind}"]
 
 
 def diagnose(rows: Iterable[Row]) -> dict[str, list[str]]:

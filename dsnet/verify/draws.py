@@ -34,6 +34,18 @@ def dsnet_weights(seed: int) -> Arrays:
     return drawn
 
 
+def scaling(seed: int) -> Arrays:
+    """The scaling of a network that was trained on standardised values."""
+    rng, sizes = np.random.default_rng([seed, 13]), {"input": INPUT_SIZE, "latent": LATENT_SIZE}
+    return {
+        **{f"scaling/{name}_mean": _normal(rng, (size,), 0.5) for name, size in sizes.items()},
+        **{
+            f"scaling/{name}_std": rng.uniform(0.5, 2.0, size).astype(np.float32)
+            for name, size in sizes.items()
+        },
+    }
+
+
 def autoencoder_weights(seed: int, widths: tuple[int, ...]) -> Arrays:
     """Weights that keep the size of a signal through all the network's fourteen layers."""
     rng = np.random.default_rng([seed, 2])
@@ -75,6 +87,15 @@ def bodies(seed: int, body: BodyModelData, pose: NDArray) -> Arrays:
     noise = _normal(rng, surface, 0.005)
     mesh = (pose_vertices(body, **given) + noise).astype(np.float32)
     return {**given, "mesh": mesh, "probe": _normal(rng, surface, 1.0)}
+
+
+def frames(seed: int, body: BodyModelData, count: int) -> Arrays:
+    """Meshes (B, V, 3) of bodies with soft tissue, and where a descent to them starts."""
+    rng = np.random.default_rng([seed, 12])
+    given = bodies(seed, body, poses(seed, count, 22, 0.5))
+    shape = {"pose": given["pose"].shape, "trans": given["trans"].shape}
+    near = {name: given[name] + _normal(rng, shape[name], 0.05) for name in shape}
+    return {"mesh": given["mesh"], "betas": given["betas"], **near}
 
 
 def stream(seed: int, frames: int, characters: int) -> Arrays:

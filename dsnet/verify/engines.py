@@ -16,9 +16,15 @@ ENGINES = {
     REFERENCE: "dsnet.verify.reference.engine",
     "torch": "torch_align_ae.verify",
     "keras": "tf_dsnet.verify",
+    "torch-gpu": "torch_align_ae.verify",
+    "keras-gpu": "tf_dsnet.verify",
     "onnx": "dsnet.verify.deployed",
     "stream": "dsnet.verify.deployed",
 }
+GPUS = ("torch-gpu", "keras-gpu")
+"""Engines that need one."""
+_GPU_DRIVERS = ("dev/nvidia[0-9]*", "dev/kfd", "dev/dxg")
+"""Files of the drivers of NVIDIA, AMD and, under Windows, WSL."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,12 +82,14 @@ class EngineResult:
     """Results of an engine; `folder` has one file of tensors per case."""
 
     folder: Path
-    versions: Mapping[str, str]
+    versions: Mapping[str, str] = field(default_factory=dict)
     """Of packages, by name."""
-    errors: Mapping[str, str]
+    errors: Mapping[str, str] = field(default_factory=dict)
     """Why a case has no file, by case."""
     failure: str = ""
     """Why the whole process failed, in one line; empty if it did not."""
+    missing: str = ""
+    """Why this machine cannot have the engine, so that nothing is compared; empty if it can."""
 
     def path(self, check: Check, dtype: DTypeName) -> Path:
         return self.folder / f"{check.name}.{dtype}.safetensors"
@@ -101,8 +109,10 @@ RunEngine = Callable[[str, Path, Path], EngineResult]
 def run_engine(engine: str, request: Path, out: Path) -> EngineResult:
     """Run one engine as a process; if it crashes, the result has the reason as its `failure`."""
     out.mkdir(parents=True)
+    if engine in GPUS and not any(any(Path("/").glob(driver)) for driver in _GPU_DRIVERS):
+        return EngineResult(out, missing="no GPU")  # TensorFlow takes seconds to say so
     status, output = outcome_of_module(ENGINES[engine], engine, str(request), str(out))
     if status:
         last = (output.strip().splitlines() or ["without output"])[-1]
-        return EngineResult(out, {}, {}, f"the process ended with {status}: {last}")
+        return EngineResult(out, failure=f"the process ended with {status}: {last}")
     return EngineResult(out, **json.loads((out / "answer.json").read_text(encoding="utf-8")))

@@ -1,8 +1,9 @@
 """`dsnet verify`: compare the engines with the reference, and fail if they differ.
 
 PyTorch and Keras are compared with the NumPy reference in layers, losses, gradients, training
-steps and SMPL; ONNX Runtime in the exported graphs, from latents to offsets and from poses to the
-posed skin; the streaming predictor in its latents.
+steps and SMPL, also on a GPU where there is one; PyTorch in the paper's alignment, Keras in the
+files that it writes; ONNX Runtime in the exported graphs, from latents to offsets and from poses to
+the posed skin; the streaming predictor in its latents.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ from bridge.errors import DsnetError
 from bridge.options import Seed
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.run import body_model_path
-from dsnet.verify.checks import full_size_checks, random_checks, trained_checks
-from dsnet.verify.compare import TOLERANCES, Row, diagnose, verify
+from dsnet.verify.checks import full_size_checks, random_checks
+from dsnet.verify.compare import TOLERANCES, Row, Skipped, diagnose, skipped_rows, verify
 from dsnet.verify.engines import EngineResult
+from dsnet.verify.trained_checks import trained_checks
 
 STAGE = "verify"
 EMBEDDED_BODY = "embedded:female"
@@ -29,8 +31,8 @@ EMBEDDED_BODY = "embedded:female"
 
 @dataclass(frozen=True)
 class VerifyConfig:
-    """Compare PyTorch and Keras with a float64 reference: layers, gradients, steps, SMPL;
-    and the exported ONNX graphs.
+    """Compare PyTorch and Keras with a float64 reference: layers, gradients, steps, SMPL,
+    alignment; and the exported files and ONNX graphs.
 
     Engines run as processes, one after the other. Prints a table, writes `parity.json`; exits with
     1 when anything differs by more than its tolerance.
@@ -63,12 +65,13 @@ def main(config: VerifyConfig) -> None:
             "Run ./reproduce.sh first, or pass --no-trained to compare random weights.",
         )
     with run.alone(STAGE, resumed=False):  # there are no checkpoints to resume from
-        rows = _make(config, run)
-    sys.stdout.write(f"{text_table(rows)}\n\n{summary(rows, diagnose(rows))}\n")
+        rows, skipped = _make(config, run)
+    found = summary(rows, diagnose(rows), skipped)
+    sys.stdout.write(f"{text_table(rows, skipped)}\n\n{found}\n")
     sys.exit(0 if all(row.passed for row in rows) else 1)
 
 
-def _make(config: VerifyConfig, run: Run) -> list[Row]:
+def _make(config: VerifyConfig, run: Run) -> tuple[list[Row], list[Skipped]]:
     trained = ("encode", "train-ae", "train", "train_plus") if config.trained else ()
     sources = {s: run.artifact(s) for s in ("align", *trained) if run.finished(s)}
     origin = sources["align"].origin if "align" in sources else "synthetic"
@@ -81,21 +84,27 @@ def _make(config: VerifyConfig, run: Run) -> list[Row]:
     if config.trained:
         checks += trained_checks(run)
     rows, results = verify(checks, writer.checkpoints / "work")
-    text = json.dumps(parity(rows, results), indent=1, allow_nan=False) + "\n"
+    skipped = skipped_rows(checks, results)
+    text = json.dumps(parity(rows, results, skipped), indent=1, allow_nan=False) + "\n"
     writer.file_path("parity.json").write_text(text, encoding="utf-8")
     settings = {key: value for key, value in asdict(config).items() if key != "run"}
     upstream = {name: source.content_sha256 for name, source in sources.items()}
     writer.finish(config=settings, upstream=upstream)
-    return rows
+    return rows, skipped
 
 
-def parity(rows: Sequence[Row], results: Mapping[str, EngineResult]) -> dict[str, Any]:
+def parity(
+    rows: Sequence[Row], results: Mapping[str, EngineResult], skipped: Sequence[Skipped]
+) -> dict[str, Any]:
     """The contents of `parity.json`; infinite differences are null."""
     return {
         "passed": all(row.passed for row in rows),
         "diagnosis": diagnose(rows),
         "tolerances": TOLERANCES,
-        "engines": {name: dict(result.versions) for name, result in results.items()},
+        "engines": {
+            name: dict(result.versions) for name, result in results.items() if not result.missing
+        },
+        "skipped": [asdict(one) for one in skipped],
         "rows": [
             {key: None if value == float("inf") else value for key, value in asdict(row).items()}
             for row in rows
@@ -103,9 +112,13 @@ def parity(rows: Sequence[Row], results: Mapping[str, EngineResult]) -> dict[str
     }
 
 
-def text_table(rows: Sequence[Row]) -> str:
-    """The rows as aligned columns, with a line of column names."""
+def text_table(rows: Sequence[Row], skipped: Sequence[Skipped]) -> str:
+    """The rows as aligned columns, with a line of column names; those that were skipped last."""
     lines = [list(_columns(rows[0])), *(list(_columns(row).values()) for row in rows)]
+    lines += [
+        [one.check, "all", one.engine, one.dtype, *[""] * 5, f"skipped: {one.reason}"]
+        for one in skipped
+    ]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in lines)
 
@@ -125,12 +138,20 @@ def _columns(row: Row) -> dict[str, str]:
     }
 
 
-def summary(rows: Sequence[Row], diagnosis: Mapping[str, Sequence[str]]) -> str:
-    """Whether all rows hold, else the causes and the checks that show them."""
+def summary(
+    rows: Sequence[Row], diagnosis: Mapping[str, Sequence[str]], skipped: Sequence[Skipped]
+) -> str:
+    """How many rows hold and were skipped; of those that fail the causes, with their checks."""
     failed = sum(not row.passed for row in rows)
     if not failed:
-        return f"all {len(rows)} rows hold"
+        return f"{len(rows)} of {len(rows)} rows hold{skipped_text(skipped)}"
     causes = [
         f"  {cause}\n    in {', '.join(sorted(set(checks)))}" for cause, checks in diagnosis.items()
     ]
     return "\n".join([f"{failed} of {len(rows)} rows FAIL; what differs first:", *causes])
+
+
+def skipped_text(skipped: Sequence[Skipped]) -> str:
+    """`, 20 skipped: no GPU`; nothing where none was."""
+    reasons = ", ".join(dict.fromkeys(one.reason for one in skipped))
+    return f", {len(skipped)} skipped: {reasons}" if skipped else ""

@@ -17,12 +17,14 @@ from bridge.runs import Run
 from bridge.runs.artifact import DataOrigin
 from dsnet.pictures.panels import new_figure, save_figure
 from dsnet.report.results import read_parity
+from dsnet.verify.compare import Skipped
+from dsnet.verify.stage_verify import skipped_text
 from tools.pages.blocks import RESULTS, load
 
 _DIGITS_SHOWN = 7
 _SHADES = ListedColormap(colormaps["YlGnBu"](np.linspace(0.08, 0.75, 2 * _DIGITS_SHOWN)))
 _PARITY_COLOURS = _SHADES.with_extremes(under="#D55E00", bad="#f2f2f2")
-_SHORT = {"float64": "f64", "float32": "f32"}
+_SHORT = {"float64": "f64", "float32": "f32", "bfloat16": "bf16"}
 Row = Mapping[str, Any]
 
 
@@ -38,10 +40,12 @@ def take_verification(run: Run) -> None:
 
 def outcome() -> str:
     """How many rows hold; which command made them, on what, in how long."""
-    made, rows = load("verify/manifest")["provenance"], load("verify/parity")["rows"]
+    made, parity = load("verify/manifest")["provenance"], load("verify/parity")
+    rows, skipped = parity["rows"], [Skipped(**one) for one in parity.get("skipped", ())]
     versions = ", ".join(f"{name} {v}" for name, v in made["versions"].items())
+    held = f"{sum(row['passed'] for row in rows)} of {len(rows)} rows hold{skipped_text(skipped)}"
     return (
-        f"{sum(row['passed'] for row in rows)} of {len(rows)} rows hold: "
+        f"{held}: "
         f"`{' '.join(made['command'])}`, {made['wall_time_s']:.0f} s on {made['machine']};\n"
         f"{versions}.\n"
     )

@@ -147,6 +147,12 @@ def dsnet_stream(w: Arrays, motion: np.ndarray) -> Tensors:
     return {"layer/latents": predict_latents(w, motion)}
 
 
+def dsnet_exported(w: Arrays, motion: np.ndarray, form: str, saved: str = "") -> Tensors:
+    """The same: what a file gives that `dsnet export` makes of a network."""
+    del form, saved
+    return dsnet_stream(w, motion)
+
+
 def dsnet_train(
     w: Arrays, masked: bool, steps: list[int], real: np.ndarray, **clips: np.ndarray
 ) -> Tensors:

@@ -10,7 +10,7 @@ import numpy as np
 from bridge.body import load_body_model
 from bridge.exchange.engine import Tensors, serve
 from bridge.motion import unpack_theta
-from dsnet.verify.reference import dsnet, mesh_autoencoder, oscillators, smpl
+from dsnet.verify.reference import descent, dsnet, mesh_autoencoder, oscillators, smpl
 
 
 def dsnet_graph(
@@ -33,10 +33,12 @@ OPERATIONS = (
     dsnet.dsnet_stream,
     dsnet.dsnet_train,
     dsnet.dsnet_fit,
+    dsnet.dsnet_exported,
     mesh_autoencoder.ae_forward,
     mesh_autoencoder.ae_decode,
     mesh_autoencoder.ae_train,
     smpl.smpl,
+    descent.descent,
     oscillators.oscillators_train,
     dsnet_graph,
     oscillators.plus_graph,

@@ -45,20 +45,25 @@ def rest_vertices(
     return shaped + _blended(body.posedirs[vertices], features)
 
 
+def bones(body: BodyModelData, rest: Array, turns: Array, trans: Array) -> tuple[Array, Array]:
+    """Linear part (B, 24, 3, 3) and translation (B, 24, 3) of each bone's transform.
+
+    `rest` (B, 24, 3) are the joints in the rest pose. The root rotates about its own joint and is
+    then moved by `trans` (B, 3).
+    """
+    turned, places = [turns[:, 0]], [rest[:, 0] + trans]
+    for joint, parent in list(enumerate(body.parents))[1:]:
+        places.append(places[parent] + applied(turned[parent], rest[:, joint] - rest[:, parent]))
+        turned.append(turned[parent] @ turns[:, joint])
+    turn = np.stack(turned, axis=1)
+    return turn, np.stack(np.broadcast_arrays(*places), axis=1) - applied(turn, rest)
+
+
 def skinning(
     body: BodyModelData, betas: Array, turns: Array, trans: Array, vertices: Array | slice = _ALL
 ) -> tuple[Array, Array]:
-    """Linear part (B, V, 3, 3) and translation (B, V, 3) of each vertex's skinning transform.
-
-    The root rotates about its own joint and is then moved by `trans` (B, 3).
-    """
-    rest = joints(body, betas)
-    turned, places = [turns[:, 0]], [rest[:, 0] + trans]
-    for joint, parent in list(enumerate(body.parents))[1:]:
-        places.append(places[parent] + _applied(turned[parent], rest[:, joint] - rest[:, parent]))
-        turned.append(turned[parent] @ turns[:, joint])
-    turn = np.stack(turned, axis=1)
-    shift = np.stack(np.broadcast_arrays(*places), axis=1) - _applied(turn, rest)
+    """Linear part (B, V, 3, 3) and translation (B, V, 3) of each vertex's skinning transform."""
+    turn, shift = bones(body, joints(body, betas), turns, trans)
     weights = body.weights[vertices]
     return (weights @ turn.reshape(-1, 24, 9)).reshape(-1, len(weights), 3, 3), weights @ shift
 
@@ -69,7 +74,7 @@ def posed_vertices(
     """Posed vertices (B, V, 3), metres; offsets (B, V, 3) are added in the rest pose."""
     turns = rotations(pose)
     turn, shift = skinning(body, betas, turns, trans)
-    return _applied(turn, rest_vertices(body, betas, turns) + offsets) + shift
+    return applied(turn, rest_vertices(body, betas, turns) + offsets) + shift
 
 
 def unposed_vertices(
@@ -94,7 +99,7 @@ def gradient(body: BodyModelData, given: Arrays, probe: Array) -> Arrays:
     turn, _shift = skinning(body, given["betas"], rotations(given["pose"]), given["trans"])
     names, rows = ("betas", "pose", "trans"), range(len(probe))
     slopes = {name: np.stack([by(name, row) for row in rows]) for name in names}
-    return {**slopes, "offsets": _applied(turn.swapaxes(-1, -2), probe)}
+    return {**slopes, "offsets": applied(turn.swapaxes(-1, -2), probe)}
 
 
 def smpl(body: str, mesh: Array, probe: Array, **given: Array) -> Tensors:
@@ -117,6 +122,6 @@ def _blended(shapes: Array, amounts: Array) -> Array:
     return flat.reshape(len(amounts), *shapes.shape[:-1])
 
 
-def _applied(matrices: Array, vectors: Array) -> Array:
+def applied(matrices: Array, vectors: Array) -> Array:
     """Products (..., 3) of matrices (..., 3, 3) and vectors (..., 3)."""
     return np.einsum("...xy,...y->...x", matrices, vectors)

@@ -43,8 +43,10 @@ def _rounded(
     operation: Callable[..., Tensors],
     *weights: Tensors,
     faults: Mapping[str, Any] | None = None,
+    bfloat16: bool = False,
     **given: Any,
 ) -> Tensors:
+    del bfloat16  # whose arrays are float32
     faults, wide = faults or {}, [_wide(arrays) for arrays in weights]
     single = any(a.dtype == np.float32 for a in [*_arrays(*weights), *_arrays(given)])
     if faults.get("forget_mask"):

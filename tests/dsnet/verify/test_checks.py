@@ -17,9 +17,10 @@ from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import ArtifactWriter, Run, write_artifact
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.verify import draws
-from dsnet.verify.checks import full_size_checks, trained_checks
+from dsnet.verify.checks import full_size_checks
 from dsnet.verify.compare import verify
 from dsnet.verify.draws import SMALL_WIDTHS
+from dsnet.verify.trained_checks import trained_checks
 from tests.forged.plus import write_plus
 
 
@@ -64,7 +65,9 @@ def test_the_full_size_is_the_whole_network():
     for check in checks:
         network = {n: w for n, w in check.weights.items() if not n.startswith("normaliser.")}
         assert sum(array.size for array in network.values()) == 33_626_606
-    assert [check.op for check in checks] == ["ae_forward", "ae_train", "ae_decode"]
+    assert [check.op for check in checks] == [
+        "ae_forward", "ae_train", "ae_train", "ae_decode"
+    ]  # fmt: skip
 
 
 @pytest.fixture
@@ -100,6 +103,7 @@ def trained_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     for name, scaled in arrays.items():
         weights = {**draws.dsnet_weights(1), **scaled}
         save_weights(train.file_path(f"{name}.safetensors"), weights)
+    train.file_path("dsnet_faithful.keras").write_bytes(b"")
     train.record(default="dsnet_standardised", predictors={name: {} for name in arrays})
     train.finish()
     codec = ArtifactWriter(tmp_path / "r" / "train-ae", "train-ae", data="synthetic")
@@ -117,10 +121,13 @@ def test_a_runs_own_weights_are_checked(trained_run, tmp_path, run_reference):
     assert {check.op for check in checks} == {
         "dsnet_forward",
         "dsnet_stream",
+        "dsnet_exported",
         "dsnet_train",
         "ae_forward",
         "ae_train",
     }
+    saved = [check.options["saved"] for check in checks if check.op == "dsnet_exported"]
+    assert saved == [str(trained_run.artifact("train").file("dsnet_faithful.keras"))] * 3
     rows, answers = verify(checks, tmp_path / "work", run=run_reference)
     assert all(row.passed for row in rows)
     assert {row.engine for row in rows} == {"torch", "keras", "stream"}

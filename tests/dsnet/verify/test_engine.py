@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from bridge.exchange.engine import answer, load_tensors
+from dsnet.verify import engines
+from dsnet.verify.compare import Skipped, skipped_rows
 from dsnet.verify.engines import ENGINES, Check, run_engine, write_requests
 
 DRAWN = np.random.default_rng(0).normal(size=5).astype(np.float32)
@@ -24,12 +26,14 @@ def test_who_is_asked_what():
         "numpy": [("a", "float64"), ("g", "float64")],
         "torch": [("a", "float64"), ("a", "float32")],
         "keras": [],
+        "torch-gpu": [],
+        "keras-gpu": [],
         "onnx": [("a", "float32"), ("g", "float32")],
         "stream": [],
     }
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["bfloat16", "float32", "float64"])
 def test_arrays_come_in_the_cases_precision_and_start_from_the_same_numbers(tmp_path, dtype):
     options = {"run": "whole", "steps": (1, 10)}
     weights = {"w": DRAWN, "real": DRAWN > 0}
@@ -43,8 +47,9 @@ def test_arrays_come_in_the_cases_precision_and_start_from_the_same_numbers(tmp_
 
     answer("torch", tmp_path / "request", tmp_path, {"op": op}, ["numpy"])
     ((arrays, given),) = seen
-    assert given == {"run": "whole", "steps": [1, 10]}
-    assert arrays["w"].dtype == dtype
+    told = {"bfloat16": True} if dtype == "bfloat16" else {}
+    assert given == {"run": "whole", "steps": [1, 10], **told}
+    assert arrays["w"].dtype == ("float64" if dtype == "float64" else "float32")
     assert arrays["real"].dtype == bool
     np.testing.assert_array_equal(arrays["w"], DRAWN)
     found = load_tensors(tmp_path / f"a.{dtype}.safetensors")
@@ -69,6 +74,18 @@ def test_an_engine_that_dies_is_an_answer(tmp_path, monkeypatch):
     result = run_engine("torch", tmp_path, tmp_path / "out")
     assert "no_such_module" in result.why_missing(STREAM, "float64")
     assert "\n" not in result.failure
+
+
+@pytest.mark.parametrize(("drivers", "why"), [((), "no GPU"), (("dev/null",), "finds no GPU")])
+def test_an_engine_that_a_machine_cannot_have_is_no_failure(tmp_path, monkeypatch, drivers, why):
+    monkeypatch.setattr(engines, "_GPU_DRIVERS", drivers)
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    check = Check("a", "smpl", {"torch-gpu": ("float64",)})
+    result = run_engine("torch-gpu", tmp_path, tmp_path / "out")
+    assert result.missing.endswith(why)
+    assert not result.failure
+    (skipped,) = skipped_rows([check], {"torch-gpu": result})
+    assert skipped == Skipped("a", "torch-gpu", "float64", result.missing)
 
 
 def test_the_reference_and_what_is_deployed_load_no_framework():
