@@ -30,7 +30,7 @@ def main() -> int:
     oldest = oldest_frameworks((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     with tempfile.TemporaryDirectory() as name:
         needs = [line for line in asked_by(build_wheel(Path(name))) if "extra ==" not in line]
-        return 0 if works(oldest, needs, sys.argv[1:] or TESTS, Path(name) / "venv") else 1
+        return 0 if works(oldest, needs, sys.argv[1:] or [*TESTS], Path(name) / "venv") else 1
 
 
 def oldest_frameworks(pyproject: str) -> list[str]:

@@ -69,7 +69,7 @@ def test_agreement_exits_with_0_and_leaves_a_complete_artifact(verify, tmp_path)
     count, skipped = len(parity["rows"]), parity["skipped"]
     assert f"{count} of {count} rows hold, {len(skipped)} skipped: no GPU\n" in printed
     assert printed.count(" ok\n") == count
-    assert printed.count(" skipped: no GPU\n") == len(skipped)
+    assert printed.count("  skipped: no GPU\n") == len(skipped)
     assert {(one["engine"], one["dtype"]) for one in skipped} == {*product(GPUS, BOTH)}
     assert {*parity["engines"]} == {"numpy", "torch", "keras", "onnx"}
     assert set(parity["tolerances"].values()) == {1e-10, 1e-5, 1e-4, 3e-2, 1e-1}
