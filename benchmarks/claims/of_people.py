@@ -26,20 +26,22 @@ def of_people(results: Results) -> Iterator[Claim]:
     yield Claim(
         "On the held-out jump the predicted offset reproduces the original skin",
         "6, Figure 7",
-        f"against the registered mesh {left_of(run, 'validation')}",
+        "",
         rule(best_r2(run, "validation") > 0.7, best_r2(run, "validation") > 0),
         (PAPER_RUN,),
+        f"against the registered mesh {left_of(run, 'validation')}",
     )
     clip = results.alignment["along_the_clip"]["predictors"][default_of(results.demo)]
     ratio = clip["most_mm"] / clip["least_mm"]
     yield Claim(
         "Its error is spread evenly along the frames, 0.004 to 0.023",
         "6, Figure 8",
+        "",
+        rule(ratio < 6, max(clip["quarters_mm"]) < 3 * min(clip["quarters_mm"])),
+        (GAINS,),
         f"{clip['least_mm']:.2f} to {clip['most_mm']:.2f} mm, {ratio:.0f} times (the paper's: 6); "
         f"by quarters {', '.join(f'{q:.1f}' for q in clip['quarters_mm'])} mm: it grows with what "
         f"SMPL misses (correlation {clip['with_smpl_error']:.2f})",
-        rule(ratio < 6, max(clip["quarters_mm"]) < 3 * min(clip["quarters_mm"])),
-        (GAINS,),
     )
     for claim, cell in (
         ("Known people, observed motions", KNOWN),
@@ -51,10 +53,11 @@ def of_people(results: Results) -> Iterator[Claim]:
         yield Claim(
             claim,
             "6, Figure 9",
-            f"against the true mesh {left_of(run, cell)}. On the offsets of an aligner that "
-            f"loses nothing, R² {mean_sd(fair)}",
-            rule(best_r2(run, cell) > 0.5, best_r2(run, cell) > 0 or np.mean(fair) > 0.5),
-            (PAPER_RUN, STUDY),
+            f"R² {mean_sd(fair)}",
+            rule(np.mean(fair) > 0.5, np.mean(fair) > 0.2),
+            (STUDY, PAPER_RUN),
+            f"against the true mesh {left_of(run, cell)}",
+            rule(best_r2(run, cell) > 0.5, best_r2(run, cell) > 0),
         )
     yield Claim(
         "Realistic on captured people",

@@ -20,6 +20,8 @@ KNOWN, UNSEEN, NEW, NEW_UNSEEN = (
     "new_person_known_motion",
     "new_person_unseen_motion",
 )
+HELD_OUT = "validation"
+"""The paper's own clip, judged against its aligned offsets."""
 assert set(CELLS) == {KNOWN, UNSEEN, NEW, NEW_UNSEEN}
 
 
@@ -32,6 +34,10 @@ class Results:
     def read(self, name: str) -> dict[str, Any]:
         """One JSON file."""
         return json.loads((self.folder / name).read_text(encoding="utf-8"))
+
+    def read_if_there(self, name: str) -> dict[str, Any] | None:
+        """One JSON file, or None."""
+        return self.read(name) if (self.folder / name).exists() else None
 
     def seeds(self, pattern: str) -> list[dict[str, Any]]:
         """All JSON files of a name, by seed."""
@@ -55,8 +61,24 @@ class Results:
 
     @cached_property
     def papers_networks(self) -> list[dict[str, Any]]:
-        """The same on the offsets of the paper's aligner."""
-        return self.seeds("claims/align-?.json")
+        """The same on the paper's own ground."""
+        return self.seeds("claims/paper-?.json")
+
+    @cached_property
+    def batch_norm(self) -> dict[str, Any] | None:
+        """What batch normalisation gives, once it was measured."""
+        return self.read_if_there("claims/batch_norm.json")
+
+    @cached_property
+    def seconds(self) -> dict[str, Any] | None:
+        """DSNet and a SoftSMPL-like network, once they were timed."""
+        return self.read_if_there("claims/seconds.json")
+
+    @cached_property
+    def dimension(self) -> dict[str, Any] | None:
+        """DSNet on offsets, once both outputs were trained."""
+        found = self.read_if_there("claims/dimension.json")
+        return found if found and "offsets paper" in found["systems"] else None
 
     @cached_property
     def alignment(self) -> dict[str, Any]:

@@ -22,10 +22,21 @@ COMPARISON, SUBSPACES, SPEED = (
 )
 GPU = "results/gpu/torch.json"
 STUDY, GAINS = "results/claims/align_robust-0.json", "results/claims/alignment.json"
+PAPERS_STUDY = "results/claims/paper-0.json"
+BATCH_NORM, DIMENSION, SECONDS = (
+    f"results/claims/{name}.json" for name in ("batch_norm", "dimension", "seconds")
+)
 COMMANDS = {
     DEMO: ("demo", "./reproduce.sh"),
     PAPER_RUN: ("paper", "./reproduce.sh --profile paper"),
     STUDY: ("networks", "python -m benchmarks.claims.networks --out DIR --seeds 0 1 2"),
+    PAPERS_STUDY: (
+        "on the paper's ground",
+        "python -m benchmarks.claims.networks --out DIR --seeds 0 --reading paper",
+    ),
+    BATCH_NORM: ("range", "python -m benchmarks.claims.batch_norm --out FILE"),
+    DIMENSION: ("dimension", "python -m benchmarks.claims.dimension --out FILE"),
+    SECONDS: ("seconds", "python -m benchmarks.claims.seconds --out FILE"),
     GAINS: ("alignment", "python -m benchmarks.claims.alignment --out FILE"),
     COMPARISON: ("comparison", "python -m benchmarks.prediction.comparison --out DIR"),
     SUBSPACES: ("subspaces", "python -m benchmarks.subspaces --out DIR"),
@@ -46,6 +57,24 @@ class Claim(NamedTuple):
     measured: str
     verdict: Verdict
     sources: tuple[str, ...]
+    on_papers_ground: str = ""
+    """What was measured there; alone, where `measured` is empty, and then the verdict is of it."""
+    verdict_there: Verdict | None = None
+
+    @property
+    def said(self) -> str:
+        """The verdict; both, where the grounds differ."""
+        if self.verdict_there in (None, self.verdict):
+            return self.verdict
+        return f"{self.verdict}; {_THERE[self.verdict_there]} on the paper's ground"
+
+    @property
+    def counted_as(self) -> Verdict:
+        """The verdict; in part, where the grounds differ."""
+        return self.verdict if self.verdict_there in (None, self.verdict) else PART
+
+
+_THERE = {HOLDS: "holds", PART: "in part", FAILS: "not"}
 
 
 def rule(good: bool | np.bool_, half: bool | np.bool_ = False) -> Verdict:

@@ -1,12 +1,27 @@
-"""The study of claims: what a probe finds, and what somebody else's betas cost."""
+"""The studies of claims: what a probe finds, what other betas cost, training by the paper."""
 
 from __future__ import annotations
+
+import json
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from benchmarks.claims.data import Reference, ScoredMotion
-from benchmarks.claims.networks import _exchanged, _probe
+from benchmarks.claims import networks
+from benchmarks.claims.batch_norm import outside
+from benchmarks.claims.by_the_paper import ByThePaper, unscaled
+from benchmarks.claims.dimension import scored as scored_at_width
+from benchmarks.claims.looked_into import exchanged, probe
+from benchmarks.claims.references import InComponents, ScoredMotion
+from benchmarks.plugin import predictors
+from benchmarks.systems.dsnet_variants import DsnetVariant
+from bridge.body import BodyModelData
+from bridge.exchange.dsnet import TrainedDsnet, UnpaddedClip
+from bridge.exchange.train_options import PredictorSettings
+from bridge.motion.splits import CELLS
+from tf_dsnet.model import build_dsnet, named_weights
+from tf_dsnet.predictors import DsnetPredictor, TrainingData
 
 RNG = np.random.default_rng(0)
 
@@ -22,7 +37,7 @@ def test_a_probe_finds_velocities_where_they_are_and_nowhere_else() -> None:
         return np.concatenate([theta, np.diff(theta, axis=0, prepend=theta[:1])], axis=1)
 
     def r2(features) -> float:
-        return _probe([(features(t), t) for t in fitted], [(features(t), t) for t in judged], 1)
+        return probe([(features(t), t) for t in fitted], [(features(t), t) for t in judged], 1)
 
     assert r2(told) > 0.95
     assert r2(lambda theta: theta) < 0.1
@@ -33,7 +48,7 @@ def scored(name: str, cell: str, person: int) -> ScoredMotion:
     squares = np.square(codes).sum(axis=1)
     betas = np.full(10, float(person))
     return ScoredMotion(
-        name, cell, np.zeros((5, 69)), betas, Reference(codes, 0 * squares, squares)
+        name, cell, np.zeros((5, 69)), betas, InComponents(codes, 0 * squares, squares)
     )
 
 
@@ -45,11 +60,101 @@ def test_other_betas_cost_what_the_predictor_makes_of_them() -> None:
         scored("a_jump", "validation", 0),
         scored("n_hips", "new_person_known_motion", 3),
     ]
-    found = _exchanged(lambda theta, betas: np.full((5, 100), 1.0 + betas[0]), those)
+    found = exchanged(lambda theta, betas: np.full((5, 100), 1.0 + betas[0]), those)
     assert found[known]["own"] == 1.0
     # Each is off by 1 where the sizes are 1 and 2.
     assert found[known]["other"] == pytest.approx(1 - 2 / 5)
     assert found["validation"]["other"] == pytest.approx(0.0)
-    deaf = _exchanged(lambda theta, betas: np.full((5, 100), 1.5), those)
+    deaf = exchanged(lambda theta, betas: np.full((5, 100), 1.5), those)
     assert deaf[known]["difference"] == 0.0
     assert deaf[known]["own"] == deaf[known]["other"]
+
+
+def clips(count: int, frames: int = 12, size: int = 100) -> list[UnpaddedClip]:
+    return [
+        UnpaddedClip(*(RNG.normal(size=(frames, n)).astype(np.float32) for n in (79, size)))
+        for _ in range(count)
+    ]
+
+
+def data_of(body: BodyModelData) -> TrainingData:
+    return TrainingData(clips(3), clips(1), lambda: body)
+
+
+def test_by_the_paper_dsnet_is_the_runs_own(body, tmp_path) -> None:
+    """Bit for bit what `dsnet train` gives as `dsnet_faithful`."""
+    data = data_of(body)
+    variant = predictors()["dsnet_pca"]
+    assert isinstance(variant, DsnetVariant)
+    trained = []
+    for entry in (ByThePaper(variant), DsnetPredictor("dsnet_pca", "", standardised=False)):
+        training = entry.training(PredictorSettings(epochs=2), data, tmp_path / "none")
+        for epoch in range(2):
+            training.epoch(epoch, validate=True)
+        trained.append(training.arrays())
+    assert trained[0].keys() == trained[1].keys()
+    for name, array in trained[0].items():
+        np.testing.assert_array_equal(array, trained[1][name])
+
+
+class Data:
+    """Motions of one group, with codes."""
+
+    def __init__(self) -> None:
+        cells = ("validation", *CELLS)
+        self.tested = [
+            ScoredMotion(
+                f"{n}_{cell}", cell, RNG.normal(size=(90, 69)), RNG.normal(size=10),
+                InComponents(RNG.normal(size=(90, 100)), np.zeros(90), np.ones(90)),
+            )
+            for cell in cells
+            for n in range(2)
+        ]  # fmt: skip
+
+
+def test_a_killed_study_goes_on_after_the_systems_that_it_has(body, tmp_path, monkeypatch) -> None:
+    names = ("dsnet_pca", "dsnet_two_frames")
+    config = networks.NetworksConfig(tmp_path, reading="paper", systems=names, epochs=1)
+    path, data, training = tmp_path / "paper-0.json", Data(), data_of(body)
+    by_cell = networks.by_cell
+    budget: Iterator[int] = iter((1,))
+
+    def by_cell_once(*arguments):
+        if next(budget, None) is None:
+            raise KeyboardInterrupt
+        return by_cell(*arguments)
+
+    monkeypatch.setattr(networks, "by_cell", by_cell_once)
+    with pytest.raises(KeyboardInterrupt):
+        networks._study(config, data, training, 0, {}, path)  # pyright: ignore
+    kept = json.loads(path.read_text())
+    assert list(kept["systems"]) == ["dsnet_pca"]
+    assert kept["systems"]["dsnet_pca"]["rate"] == pytest.approx(1e-4)
+
+    kept["systems"]["dsnet_pca"]["r2"] = "kept"
+    monkeypatch.setattr(networks, "by_cell", by_cell)
+    networks._study(config, data, training, 0, kept, path)  # pyright: ignore
+    found = json.loads(path.read_text())
+    assert found["systems"]["dsnet_pca"]["r2"] == "kept"
+    assert set(found["systems"]["dsnet_two_frames"]["r2"]) == {one.cell for one in data.tested}
+    assert found["exchanged_betas"] == kept["exchanged_betas"]
+
+
+def test_a_wide_last_layer_is_trained_and_judged() -> None:
+    those = clips(2, frames=20, size=30)
+    reference = InComponents(np.zeros((20, 30)), np.zeros(20), np.ones(20))
+    tested = [ScoredMotion("a", "validation", np.zeros((20, 69)), np.zeros(10), reference)]
+    found = scored_at_width(those, tested, PredictorSettings(epochs=1), standardised=True)
+    assert found["parameters"] == 65_140 - 61 * 70
+    assert found["r2"]["validation"] < 1
+
+
+def test_values_outside_are_counted(monkeypatch) -> None:
+    weights = named_weights(build_dsnet())
+    weights["batch_norm/gamma"] = np.zeros(60, np.float32)
+    weights["batch_norm/beta"] = np.where(np.arange(60) < 15, 2, 0.5).astype(np.float32)
+    trained = TrainedDsnet("dsnet", weights, unscaled(clips(1)[0]))
+    monkeypatch.setattr("benchmarks.claims.batch_norm.load_unpadded_clips", lambda *_: clips(2))
+    for layers in outside(trained, None).values():  # pyright: ignore
+        assert layers["batch_norm"] == {"outside": 0.25, "largest": 2.0}
+        assert layers["lstm"]["outside"] == 0.0
