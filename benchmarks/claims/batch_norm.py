@@ -16,10 +16,11 @@ import numpy as np
 
 from benchmarks.processes import run_as_process
 from bridge.exchange.dsnet import DSNETS, TrainedDsnet, load_trained_dsnet, load_unpadded_clips
+from bridge.paper import INPUT_SIZE
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
-from tf_dsnet.framework import keras
-from tf_dsnet.model import assign_weights, build_dsnet
+from tf_dsnet.framework import keras, tf
+from tf_dsnet.model import BlockLSTM, assign_weights, build_dsnet
 
 LAYERS = ("lstm", "batch_norm")
 
@@ -51,9 +52,13 @@ def main(config: BatchNormConfig) -> None:
 
 def outside(trained: TrainedDsnet, encode: Artifact) -> dict[str, dict[str, dict[str, float]]]:
     """By split and layer: the share of values outside [-1, 1], and the largest size of one."""
-    model = build_dsnet()
+    model = build_dsnet(lstm_layer=BlockLSTM)
     assign_weights(model, trained.weights)
-    traced = keras.Model(model.input, [model.get_layer(name).output for name in LAYERS])
+    inside = keras.Model(model.input, [model.get_layer(name).output for name in LAYERS])
+    traced = tf.function(
+        lambda motion: inside(motion, training=False),
+        input_signature=[tf.TensorSpec((None, None, INPUT_SIZE), tf.float32)],
+    )
     found: dict[str, dict[str, dict[str, float]]] = {}
     for split in ("train", "validation"):
         clips = load_unpadded_clips(encode, split)

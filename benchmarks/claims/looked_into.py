@@ -110,7 +110,7 @@ def _histories(
     """R2, by test group and frames seen, over frames that have the longest history."""
     first = max(HISTORIES) - 1
     found: dict[str, dict[str, float]] = {}
-    for cell in (VALIDATION, KNOWN, "known_person_unseen_motion"):
+    for cell in (VALIDATION, KNOWN):
         own = [one for one in tested if one.cell == cell]
         found[cell] = {}
         for seen in HISTORIES:

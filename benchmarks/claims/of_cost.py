@@ -91,10 +91,10 @@ def of_cost(results: Results) -> Iterator[Claim]:
         ours, its = (took["systems"][name] for name in (DSNET, rival))
         faster = all(ours[key] < its[key] for key in ("epoch_s", "frame_us"))
         text += (
-            f"; an epoch of {took['sequences']} sequences takes {ours['epoch_s']:.2f} s beside "
-            f"{its['epoch_s']:.2f}, after {its['begin_s']:.0f} s in which it learns poses, a frame "
-            f"of a whole motion {ours['frame_us']:.0f} µs beside {its['frame_us']:.0f}, on two CPU "
-            "cores beside other work"
+            f"; an epoch of {took['sequences']} sequences takes {ours['epoch_s']:.2f} processor "
+            f"seconds beside {its['epoch_s']:.2f}, after {its['begin_s']:.0f} in which that learns "
+            f"poses, a frame of a whole motion {ours['frame_us']:.0f} µs beside "
+            f"{its['frame_us']:.0f}"
         )
         sources = (COMPARISON, SECONDS)
     as_good = r2_mean[DSNET] > r2_mean[rival] - 0.05

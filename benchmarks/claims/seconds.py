@@ -1,8 +1,9 @@
 """`python -m benchmarks.claims.seconds --out FILE`: what DSNet and a SoftSMPL-like network cost.
 
 Both are trained as the comparison does, on random motions of the size of the paper's data, turn by
-turn, so that other work hits both alike: seconds of an epoch with its validation, of what comes
-before the first one (SoftSMPL learns a code of poses), and of a frame of a whole motion.
+turn: processor seconds, which other work on the machine hardly changes, of an epoch with its
+validation, of what comes before the first one (SoftSMPL learns a code of poses), and of a frame of
+a whole motion.
 """
 
 from __future__ import annotations
@@ -59,15 +60,15 @@ def main(config: SecondsConfig) -> None:
 
 
 def timed(data: TrainingData, turns: int) -> dict[str, dict[str, float]]:
-    """By system: seconds before the first epoch and of one, microseconds of a frame; medians."""
+    """By system, processor time: seconds before the first epoch and of one, and of a frame."""
     settings = PredictorSettings(epochs=_WARM_UPS + turns)
     trainings: dict[str, PredictorTraining] = {}
     found: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for name in SYSTEMS:
-            started = time.perf_counter()
+            started = time.process_time()
             trainings[name] = predictors()[name].training(settings, data, Path(folder) / name)
-            found[name] = {"begin_s": round(time.perf_counter() - started, 1)}
+            found[name] = {"begin_s": round(time.process_time() - started, 1)}
         numbers = {name: iter(range(settings.epochs)) for name in SYSTEMS}
         epoch_s = _medians_s(
             {
@@ -116,9 +117,9 @@ def _random_data(sequences: int) -> TrainingData:
 
 
 def _seconds(function: Callable[[], object]) -> float:
-    started = time.perf_counter()
+    started = time.process_time()
     function()
-    return time.perf_counter() - started
+    return time.process_time() - started
 
 
 if __name__ == "__main__":
