@@ -25,8 +25,8 @@ Of the network two grounds are asked, and where they differ the claim counts as 
 - *on the paper's own ground*: its aligner, its autoencoder's latents, Adam's rate 0.0001, nothing
   scaled, the last epoch (rivals learn these latents as they do on the other ground); on the
   held-out jump R² is of the aligned offsets, as the paper has it, elsewhere of the true ones; a
-  dash where nothing was measured. Rows with *standardised* and *faithful* are of the whole pipeline at
-  the paper's size, from aligner to decoder ([the two](../README.md#reproduce-it)).
+  dash where nothing was measured. Rows with *standardised* and *faithful* are of the
+  whole pipeline at the paper's size, aligner to decoder ([the two](../README.md#reproduce-it)).
 """
 _TAIL = """
 Written by `python -m benchmarks.claims` from `docs/results/`, never by hand.
