@@ -133,5 +133,5 @@ def _inertia(ground: Ground) -> tuple[str, Verdict]:
         f"behind the first layers {mean_sd(probe['fc_enc_2'])}, behind the LSTM "
         f"{mean_sd(probe['lstm'])}; the first layers see one pose at a time"
     )
-    found_there = np.mean(probe["lstm"]) > np.mean(probe["input"]) + 0.1
+    found_there = np.mean(probe["lstm"]) > max(np.mean(probe["input"]), 0) + 0.1
     return text, rule(np.mean(probe["fc_enc_2"]) > 0.5, found_there)
