@@ -72,6 +72,7 @@ NAMES_MODULES = {
     "dsnet/__init__.py",
     "dsnet/cli.py",
     "dsnet/exporters/formats.py",
+    "dsnet/prediction/runtimes.py",
     "dsnet/stages/frameworks.py",
     "dsnet/verify/engines.py",
     "tf_dsnet/__init__.py",

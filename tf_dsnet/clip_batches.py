@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.exchange.dsnet import Clips
-from tf_dsnet.framework import keras
+from tf_dsnet.framework import DataAdapter, keras, tf
 
 
 def batches_of_epoch(count: int, batch_size: int, seed: int, epoch: int) -> list[NDArray[np.int64]]:
@@ -51,3 +53,31 @@ class ClipBatches(keras.utils.PyDataset):
     def _begin(self, epoch: int) -> None:
         self._epoch = epoch
         self._rows = batches_of_epoch(len(self._clips), self._batch_size, self._seed, epoch)
+
+
+class DrawnBatches(DataAdapter):
+    """Rows of arrays, nested in any way, for `fit`: those that `rows` gives when an epoch begins.
+
+    `fit` would make a pipeline of `tf.data` at every call, which takes a good part of the time of
+    an epoch of so few clips; an adapter is taken as it is.
+    """
+
+    def __init__(self, arrays: Any, rows: Callable[[], list[NDArray[np.int64]]]) -> None:
+        self._tensors = tf.nest.map_structure(tf.convert_to_tensor, arrays)
+        self._rows, self._drawn = rows, rows()
+
+    def get_tf_dataset(self) -> DrawnBatches:
+        return self
+
+    def __iter__(self) -> Iterator[Any]:
+        for rows in map(tf.constant, self._drawn):
+            yield tf.nest.map_structure(lambda tensor: tf.gather(tensor, rows), self._tensors)  # noqa: B023
+
+    @property
+    def num_batches(self) -> int:
+        return len(self._drawn)
+
+    def on_epoch_begin(self) -> None:
+        self._drawn = self._rows()
+
+    def on_epoch_end(self) -> None: ...

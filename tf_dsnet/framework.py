@@ -37,11 +37,12 @@ def quietly() -> Iterator[None]:
 with quietly():  # about oneDNN and CUDA, before it reads TF_CPP_MIN_LOG_LEVEL
     import keras
     import tensorflow as tf
+    from keras.src.trainers.data_adapters.data_adapter import DataAdapter
 
 Tensor: TypeAlias = Any
 """A tensor or an array: TensorFlow's annotations accept neither arrays nor `...` as an index."""
 
-__all__ = ["Tensor", "be_reproducible", "keras", "quietly", "tf"]
+__all__ = ["DataAdapter", "Tensor", "be_reproducible", "keras", "quietly", "tf"]
 
 
 def be_reproducible(seed: int) -> None:

@@ -98,5 +98,7 @@ def _settings_of(config: NetworksRecord, entry: Predictor) -> dict[str, Any]:
     """What decides the weights of a network, as a manifest holds it."""
     settings = json.loads(json.dumps(asdict(config)))
     del settings["predictors"]
-    network = entry.network_sha256(config.masked) if isinstance(entry, DsnetPredictor) else ""
+    if config.lstm == NetworksRecord.lstm:  # as before there was a choice
+        del settings["lstm"]
+    network = entry.network_sha256(config) if isinstance(entry, DsnetPredictor) else ""
     return {**settings, **({"network": network} if network else {})}

@@ -185,3 +185,7 @@ def _gates_in_order(columns: Tensor) -> Tensor:
     """Keras's gates (input, forget, cell, output) in the operation's order: cell second."""
     into, forget, cell, out = tf.split(columns, 4, axis=-1)
     return tf.concat([into, cell, forget, out], -1)
+
+
+LSTM_LAYERS: dict[str, type[keras.layers.LSTM]] = {"block": BlockLSTM, "stock": keras.layers.LSTM}
+"""By their names among the options of `dsnet train`."""

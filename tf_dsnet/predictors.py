@@ -40,7 +40,7 @@ from bridge.runs import Artifact
 from bridge.runs.files import json_sha256
 from tf_dsnet.framework import keras, tf
 from tf_dsnet.keras_files import stock_network
-from tf_dsnet.model import BlockLSTM, assign_weights, build_dsnet, with_own_names
+from tf_dsnet.model import LSTM_LAYERS, assign_weights, build_dsnet, with_own_names
 from tf_dsnet.trainer import Build, DsnetTraining, Trainer
 
 PAPER_LR = 1e-4
@@ -159,25 +159,25 @@ class DsnetPredictor:
             batch_size=settings.batch_size,
             masked=settings.masked,
             seed=settings.seed,
-            build=self._build_to_train(settings.masked),
+            build=self._build_to_train(settings),
         )
         trainer.trace()
         return DsnetTraining(self.name, trainer, scaling, validation, checkpoint)
 
-    def _build_to_train(self, masked: bool) -> Build:
+    def _build_to_train(self, settings: PredictorSettings) -> Build:
         build = self.build or build_dsnet
-        options = {"masked": masked, "lstm_layer": BlockLSTM}  # which is fast on a CPU
+        options = {"masked": settings.masked, "lstm_layer": LSTM_LAYERS[settings.lstm]}
         accepted = inspect.signature(build).parameters
         return partial(build, **{n: option for n, option in options.items() if n in accepted})
 
-    def network_sha256(self, masked: bool) -> str:
+    def network_sha256(self, settings: PredictorSettings) -> str:
         """Digest of the layers' options of a `build` of one's own; empty for the paper's.
 
         DsnetError if a layer does not tell its options: then Keras cannot save it either.
         """
         if self.build is None:
             return ""
-        model = self._build_to_train(masked)(input_size=INPUT_SIZE)
+        model = self._build_to_train(settings)(input_size=INPUT_SIZE)
         try:
             layers = [
                 [type(one).__name__, _without_names(one.get_config())] for one in model.layers

@@ -29,11 +29,18 @@ from tf_dsnet.predictors import (
     TrainingData,
     predictors_named,
 )
+from tf_dsnet.tensorboard import LossCurves
 from tf_dsnet.trainer import DsnetTraining
 
+TENSORBOARD = "tensorboard"
+"""Folder of a run, beside its artifacts and part of none."""
 
-def train_networks(run: Run, config: NetworksRecord) -> None:
-    """Make `train`: the networks that the configuration names learn latents, others stay."""
+
+def train_networks(run: Run, config: NetworksRecord, *, tensorboard: bool = False) -> None:
+    """Make `train`: the networks that the configuration names learn latents, others stay.
+
+    With `tensorboard`, losses are also written epoch by epoch, for TensorBoard.
+    """
     chosen = predictors_named(config.predictors)
     encoded = run.artifact("encode")
     plan = plan_networks(run, encoded, config, chosen)
@@ -54,7 +61,8 @@ def train_networks(run: Run, config: NetworksRecord) -> None:
             )
             for entry in plan.new
         }
-        epoch_s = _train(trainings, config) if trainings else {}
+        curves = LossCurves(run.path / TENSORBOARD) if tensorboard else None
+        epoch_s = _train(trainings, config, curves) if trainings else {}
         writer.record_measured(**{f"epoch_s_{name}": round(s, 4) for name, s in epoch_s.items()})
         for entry in plan.new:
             described[entry.name] = _store(entry, trainings[entry.name], config, writer)
@@ -70,7 +78,7 @@ def train_networks(run: Run, config: NetworksRecord) -> None:
 
 
 def _train(
-    trainings: Mapping[str, PredictorTraining], config: NetworksRecord
+    trainings: Mapping[str, PredictorTraining], config: NetworksRecord, curves: LossCurves | None
 ) -> Mapping[str, float]:
     """Predictors side by side, epoch by epoch: one alone leaves half of two cores idle. Gives mean
     seconds of the epochs of each; nothing where all were behind its checkpoint."""
@@ -91,8 +99,14 @@ def _train(
                     seconds[name].append(time.perf_counter() - started)
 
             list(pool.map(advance, trainings))  # raises what a thread raised
+            row = epoch // config.validate_every
+            losses = {n: t.losses[epoch] for n, t in trainings.items()}
+            validated = {n: t.validation_losses[row] for n, t in trainings.items() if validate}
             if validate:
-                epochs.set_postfix({n: t.validation_losses[-1] for n, t in trainings.items()})
+                epochs.set_postfix(validated)
+            if curves:
+                curves.add("train", losses, epoch)
+                curves.add("validation", validated, epoch)
             if _due(epoch, config.checkpoint_every, config.epochs):
                 for training in trainings.values():
                     training.save()

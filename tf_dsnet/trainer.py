@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from bridge.errors import DsnetError
 from bridge.exchange.dsnet import Clips, Scaling, TrainedDsnet
 from bridge.exchange.layers import layers_as_json
 from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
-from tf_dsnet.clip_batches import batches_of_epoch
+from tf_dsnet.clip_batches import DrawnBatches, batches_of_epoch
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.layers import NoChain, layers_of
 from tf_dsnet.model import (
@@ -36,7 +36,7 @@ _REMEDY = "Train with a lower learning rate: dsnet train --help names the option
 
 
 class Trainer:
-    """DSNet, or the network that `build` gives, and its Adam optimizer.
+    """DSNet, or the network that `build` gives, trained by Keras's own `compile` and `fit`.
 
     An epoch depends on `state`, the seed, which also draws the initial weights, and the epoch's
     number, so a restored trainer gives the bits of an uninterrupted one. `loss_of` takes targets,
@@ -60,41 +60,52 @@ class Trainer:
         build = build or partial(build_dsnet, masked=masked, lstm_layer=BlockLSTM)
         self._clips, self._batch_size, self._seed = clips, batch_size, seed
         self._masked, self.lr = masked, lr
-        input_size = clips.inputs.shape[-1]
-        self.model, self._loss_function = with_own_names(build(input_size=input_size)), loss_of
+        self.model: Any = with_own_names(build(input_size=clips.inputs.shape[-1]))
         _check_output(self.model, clips.latents.shape[-1])
         self.optimizer = keras.optimizers.Adam(lr, name="adam")
         self.optimizer.build(self.model.trainable_variables)
-        # Unknown sizes, so that the last, smaller batch does not build a second graph.
-        signature = {
-            "motion": tf.TensorSpec((None, None, input_size), keras.config.floatx()),
-            "latents": tf.TensorSpec((None, None, clips.latents.shape[-1]), keras.config.floatx()),
-            "real": tf.TensorSpec((None, None), tf.bool),
-        }
-        self._step = tf.function(self._train_on, input_signature=[signature])
-        self._evaluate = tf.function(lambda b: self._loss_of(b), input_signature=[signature])
+        self.model.compile(self.optimizer, _LossOfFrames(loss_of), jit_compile=False)
+        self._epoch = 0
+        examples = self._examples(clips)
+        self._data = DrawnBatches(examples, self._rows)
+        # Keras's own steps, for batches of any size: a graph of one size rounds otherwise, and
+        # `fit` would make several.
+        spec = tf.nest.map_structure(
+            lambda array: tf.TensorSpec((None, None, *array.shape[2:]), array.dtype), examples
+        )
+        self._steps = [
+            tf.function(step, input_signature=[spec], autograph=False)
+            for step in (self.model.train_step, self.model.test_step)
+        ]
+        self.model.train_function, self.model.test_function = map(_on_next, self._steps)
 
     def trace(self) -> None:
         """Build both graphs now, so that threads which train side by side only run them."""
-        self._step.get_concrete_function()
-        self._evaluate.get_concrete_function()
+        for step in self._steps:
+            step.get_concrete_function()
 
     def epoch(self, number: int) -> float:
         """Train on every clip once, in an order drawn for this epoch; gives the mean loss."""
-        batches = batches_of_epoch(len(self._clips), self._batch_size, self._seed, number)
-        losses = [self._step(_batch(self._clips, rows)) for rows in batches]
-        return float(np.average([loss.numpy() for loss in losses], weights=[*map(len, batches)]))
+        self._epoch = number
+        history = self.model.fit(
+            self._data, initial_epoch=number, epochs=number + 1, shuffle=False, verbose=0
+        )
+        return history.history["loss"][-1]
 
     def loss(self, clips: Clips) -> float:
         """Mean loss of a clip with the batch normalisation's running statistics."""
-        return float(self._evaluate(_batch(clips)).numpy())
+        return float(self.model.test_on_batch(*self._examples(clips)))
 
     def gradients(self) -> tuple[float, dict[str, NDArray]]:
         """Loss of all clips in one batch, and its gradients by name of the trainable weight.
 
         This updates the running statistics, as a training step does.
         """
-        loss, gradients = self._loss_and_gradients(_batch(self._clips))
+        told, latents, *real = self._examples(self._clips)
+        with tf.GradientTape() as tape:
+            predicted = self.model(told, training=True)
+            loss = self.model.compute_loss(told, latents, predicted, *real)
+        gradients = tape.gradient(loss, self.model.trainable_variables)
         trainable = {id(variable) for variable in self.model.trainable_variables}
         names = [n for n, v in named_variables(self.model).items() if id(v) in trainable]
         return float(loss), {n: g.numpy() for n, g in zip(names, gradients, strict=True)}
@@ -121,21 +132,32 @@ class Trainer:
         moments = {f"adam/{n}": variable for n, variable in enumerate(self.optimizer.variables)}
         return {**weights, **seeds, **moments}
 
-    def _train_on(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
-        loss, gradients = self._loss_and_gradients(batch)
-        self.optimizer.apply(gradients, self.model.trainable_variables)
-        return loss
+    def _rows(self) -> list[NDArray[np.int64]]:
+        return batches_of_epoch(len(self._clips), self._batch_size, self._seed, self._epoch)
 
-    def _loss_and_gradients(self, batch: dict[str, tf.Tensor]) -> tuple[tf.Tensor, list[Tensor]]:
-        with tf.GradientTape() as tape:
-            loss = self._loss_of(batch, training=True)
-        return loss, tape.gradient(loss, self.model.trainable_variables)
+    def _examples(self, clips: Clips) -> tuple[Any, ...]:
+        """What the network is told, latents and, if masked, real frames as sample weights."""
+        motion, real = clips.inputs, clips.real
+        if not self._masked:
+            return motion, clips.latents
+        takes_mask = len(getattr(self.model, "inputs", (motion, real))) > 1
+        return (motion, real) if takes_mask else motion, clips.latents, real
 
-    def _loss_of(self, batch: dict[str, tf.Tensor], training: bool = False) -> tf.Tensor:
-        motion, real = batch["motion"], batch["real"]
-        takes_mask = self._masked and len(getattr(self.model, "inputs", (motion, real))) > 1
-        predicted = self.model([motion, real] if takes_mask else motion, training=training)
-        return self._loss_function(batch["latents"], predicted, real if self._masked else None)
+
+def _on_next(step: Callable[[Any], Any]) -> Callable[[Iterator[Any]], Any]:
+    """A step as Keras calls it: of batches, whose sample weights may be None."""
+    return lambda batches: step(tuple(part for part in next(batches) if part is not None))
+
+
+class _LossOfFrames(keras.losses.Loss):
+    """A loss for `compile`, whose sample weights (B, T) say which frames are real."""
+
+    def __init__(self, loss_of: LossOf) -> None:
+        super().__init__(name="loss_of_frames")
+        self._loss_of = loss_of
+
+    def __call__(self, y_true: Tensor, y_pred: Tensor, sample_weight: Tensor = None) -> Tensor:
+        return self._loss_of(y_true, y_pred, sample_weight)
 
 
 def _check_output(model: keras.Model, latent_size: int) -> None:
@@ -148,12 +170,6 @@ def _check_output(model: keras.Model, latent_size: int) -> None:
             f"(None, None, {latent_size}): {latent_size} latents at every frame",
             "End with a layer of as many units; recurrent layers need return_sequences=True.",
         )
-
-
-def _batch(clips: Clips, rows: NDArray | slice = slice(None)) -> dict[str, tf.Tensor]:
-    """Motions, latents and masks of real frames of the clips in these rows."""
-    arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
-    return {name: tf.constant(array[rows]) for name, array in arrays.items()}
 
 
 class DsnetTraining:

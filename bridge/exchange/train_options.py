@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from tyro.conf import Fixed
 
@@ -31,6 +31,9 @@ class PredictorSettings:
     """Leave padded frames out of the loss and of the batch normalisation (the paper does not)."""
     min_input_std: Fixed[NonNegativeFloat] = 0.05
     """Least spread (rad, m or 1) by which `dsnet_standardised` divides an input."""
+    lstm: Literal["block", "stock"] = "block"
+    """What computes the LSTM in training: `block`, one operation for all frames, twice as fast on a
+    CPU; `stock`, Keras's own layer. Weights differ by rounding, and either opens as the other."""
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from bridge.tissue.trained_plus import NAME as PLUS
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.prediction.models import DsnetModel, Model, PlusModel
 from dsnet.prediction.out_folder import open_out_folder
+from dsnet.prediction.runtimes import Runtime, keras_latents
 from dsnet.prediction.transfer_cache import body_digest, carried_over
 
 PACKAGED = "packaged-model"
@@ -41,6 +42,12 @@ _CODEC = "autoencoder.safetensors"
 
 
 def _open_plus(trained: TrainedModel, body: BodyModelData) -> Model:
+    if trained.runtime != "onnx":
+        raise DsnetError(
+            f"--runtime {trained.runtime} with {trained.name} of {trained.owner}",
+            "a network that Keras trained",
+            "Leave --runtime out, or pass --run and a --predictor such as dsnet_standardised.",
+        )
     (artifact,) = trained.artifacts.values()
     plus = TrainedPlus.load(artifact)
     if body is trained.other_body or body is not trained.own_body:
@@ -58,7 +65,9 @@ def _open_dsnet(trained: TrainedModel, body: BodyModelData) -> Model:
         )
     artifacts = trained.artifacts
     network = load_trained_dsnet(artifacts["train"], trained.name)
-    return DsnetModel(network, artifacts["train-ae"], body)
+    by_keras = trained.runtime == "keras"
+    latents_of = keras_latents(artifacts["train"], trained.name, body) if by_keras else None
+    return DsnetModel(network, artifacts["train-ae"], body, latents_of)
 
 
 PIPELINES: dict[tuple[str, ...], Callable[[TrainedModel, BodyModelData], Model]] = {
@@ -91,6 +100,8 @@ class TrainedModel:
     """What it is made of, by stage, in the order of its pipeline."""
     other_body: BodyModelData | None = None
     """That it moves, if not the one that it was trained on."""
+    runtime: Runtime = "onnx"
+    """What predicts the latents of whole motions."""
 
     def save(self, folder: Path | str) -> Artifact:
         """Write what was trained as a folder, to be given away: `load_model(folder)` opens it.
@@ -201,6 +212,7 @@ def load_model(
     body: str | os.PathLike[str] | None = None,
     kind: str | None = None,
     more_betas: int = 0,
+    runtime: Runtime = "onnx",
 ) -> TrainedModel:
     """A predictor to move bodies with, on the body that it was trained on or on another.
 
@@ -213,6 +225,7 @@ def load_model(
     body : another body than it was trained on: an SMPL, SMPL-H or SMPL-X model file, or a folder of
         them, from which one of the gender and `kind` is taken (`bridge.motion.Motion`).
     more_betas : shape coefficients after the tenth that the body shall take, if it has them.
+    runtime : what predicts the latents of whole motions; streams and exports are ONNX Runtime's.
 
     Raises
     ------
@@ -224,6 +237,8 @@ def load_model(
         genders = (one for one in (moved.gender, gender) if one in EMBEDDED_GENDERS)
         gender = next(genders, "unknown")
     trained = find_model(source, predictor, gender)
+    if trained.runtime != runtime and not isinstance(source, TrainedModel):
+        trained = replace(trained, runtime=runtime)
     if not trained.trained_on:
         trained = _on_licensed(trained, moved, str(body))
     elif moved is not None:

@@ -37,6 +37,7 @@ from dsnet.onnx.network_graphs import (
 from dsnet.onnx.onnx_graph import GraphSession, Precision
 from dsnet.onnx.plus_graph import plus_graph, plus_layout, plus_step_graph
 from dsnet.prediction.loops import Loop
+from dsnet.prediction.runtimes import LatentsOf
 
 _MOTIONS_AT_ONCE = 32
 """Simulated side by side."""
@@ -150,6 +151,7 @@ class DsnetModel:
     ----------
     codec : the finished `train-ae` whose decoder makes offsets of latents, and
     body : the body model that they are of; None where only codes are needed.
+    latents_of : what predicts whole motions in place of the step, if anything does.
     """
 
     look_ahead = 0
@@ -160,8 +162,10 @@ class DsnetModel:
         network: TrainedDsnet,
         codec: Artifact | None = None,
         body: BodyModelData | None = None,
+        latents_of: LatentsOf | None = None,
     ) -> None:
         self._network, self._codec, self._body = network, codec, body
+        self.latents_of = latents_of
         self._memory = dsnet_layout(network).size
         self._run = GraphSession(dsnet_step_graph(network), threads=1)
         self._decoder = codec and GraphSession(decoder_graph(*load_autoencoder(codec)))
@@ -210,6 +214,9 @@ class Prediction:
 
 def predict_whole(model: Model, theta: NDArray, betas: NDArray) -> Prediction:
     """A motion theta (T, 69) at 60 frames a second without a cut, of a body betas (10,)."""
+    if isinstance(model, DsnetModel) and model.latents_of is not None:
+        codes = latents = model.latents_of(theta, betas)
+        return Prediction(decoded(model, codes, theta, betas), latents)
     codes = codes_of(model, theta, betas)
     latents = np.stack([*codes]) if model.codes_are_latents else None
     return Prediction(decoded(model, codes if latents is None else latents, theta, betas), latents)

@@ -27,6 +27,7 @@ from dsnet.markers.bone_pose import flesh_in_pose
 from dsnet.prediction.load_model import NO_RUN, TrainedModel
 from dsnet.prediction.loops import Loop
 from dsnet.prediction.models import Prediction, decoded, predict_loop, predict_whole
+from dsnet.prediction.runtimes import RUNTIME_NAMES
 from dsnet.prediction.shape_space import pelvis_apart_m
 
 SOLE_PERCENTILE = 1.0
@@ -175,7 +176,8 @@ class MovingBody:
         by, why = self.trained, self.trained.why
         if why == NO_RUN and self.motion.gender == "unknown" and "gender" not in self.controls:
             why += ", and the motion names no gender: --gender male for a man"
-        notify(f"{by.name} ({by.label}) of {by.owner} predicts: {why}")
+        how = RUNTIME_NAMES[by.runtime]
+        notify(f"{by.name} ({by.label}) of {by.owner} predicts with {how}: {why}")
         for warning in self.warnings():
             notify(warning)
 

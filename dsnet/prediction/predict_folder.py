@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -47,6 +47,7 @@ from dsnet.prediction.load_model import (
 from dsnet.prediction.moving_body import MovingBody
 from dsnet.prediction.out_folder import open_out_folder
 from dsnet.prediction.prediction_files import KIND, OF_MANY, fill_prediction
+from dsnet.prediction.runtimes import Runtime
 
 REFUSED = "refused.txt"
 """In the folder that is written: each file that was refused, and why."""
@@ -67,10 +68,12 @@ class FolderJob:
     predictor: str | None
     controls: Controls
     write: tuple[str, ...]
+    runtime: Runtime = "onnx"
 
     def load(self, path: Path) -> tuple[TrainedModel, Motion]:
         """The predictor of a file's motion, and the motion as the file has it."""
-        return self.controls.load(self.source, self.predictor, path, _load)
+        load = partial(_load, runtime=self.runtime)
+        return self.controls.load(self.source, self.predictor, path, load)
 
     def moving(self, path: Path) -> tuple[MovingBody, list[str]]:
         """The body that performs it, and the warnings about it, which the terminal does not get."""
@@ -90,6 +93,8 @@ class FolderJob:
             "body": self._body(),
             "joints": dict(self.controls.how_read().joint_map),
         }
+        if self.runtime != "onnx":  # without it as before there was a choice
+            given["runtime"] = self.runtime
         return json.loads(json.dumps(given))
 
     def _body(self) -> list[tuple[str, int, int]] | str | None:
@@ -126,6 +131,7 @@ def predict_folder(
     predictor: str | None = None,
     controls: Controls | None = None,
     write: Sequence[str] = OF_MANY,
+    runtime: Runtime = "onnx",
 ) -> None:
     """Predict every motion below a folder; parameters are those of `predict_motion`.
 
@@ -142,7 +148,7 @@ def predict_folder(
     if body_name := requested_body(controls.body):  # other machines have other settings and folders
         body = Path(body_name).resolve() if Path(body_name).exists() else Path(body_name)
         controls = replace(controls, body=body)
-    job = FolderJob(source, predictor, controls, tuple(write))
+    job = FolderJob(source, predictor, controls, tuple(write), runtime)
     job.controls.check()
     job.controls.how_read()
     _refuse_place(folder, out)

@@ -7,6 +7,7 @@ repeats `Model.step`, which runs the deployable graph.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,10 @@ import numpy as np
 from bridge.errors import DsnetError
 from bridge.runs import Artifact, ArtifactWriter
 from dsnet.prediction.controls import Controls, controlled_body
-from dsnet.prediction.load_model import Source, name_of
+from dsnet.prediction.load_model import Source, load_model, name_of
 from dsnet.prediction.moving_body import MovedFrames, MovingBody
 from dsnet.prediction.out_folder import open_out_folder
+from dsnet.prediction.runtimes import Runtime
 
 KIND = "prediction"
 WRITABLE = ("offsets", "offsets16", "vertices", "latents", "strip")
@@ -33,6 +35,7 @@ def predict_motion(
     predictor: str | None = None,
     controls: Controls | None = None,
     write: Sequence[str] = OF_ONE,
+    runtime: Runtime = "onnx",
 ) -> Artifact:
     """Predict how a body moves in one motion, at 60 fps with y up.
 
@@ -49,6 +52,7 @@ def predict_motion(
     controls : an animator's options; defaults when None.
     write : of `WRITABLE`: offsets (T, V, 3) in the rest pose and vertices (T, V, 3), both in
         metres, latents (T, 100) if the predictor has them, `strip.png`.
+    runtime : what predicts, see `load_model`.
 
     Raises
     ------
@@ -58,7 +62,7 @@ def predict_motion(
     """
     path, controls = Path(path), controls or Controls()
     controls.check()
-    trained, motion = controls.load(source, predictor, path)
+    trained, motion = controls.load(source, predictor, path, partial(load_model, runtime=runtime))
     moving = controlled_body(trained, motion, controls)
     with open_out_folder(Path(out), trained.origin, KIND) as writer:
         moving.announce()
@@ -106,6 +110,7 @@ def fill_prediction(
         predictor=trained.name,
         label=trained.label,
         why=trained.why,
+        runtime=trained.runtime,
         source_fps=motion.source_fps,
         fps=motion.fps,
         frames=len(moving),

@@ -1,4 +1,4 @@
-"""`dsnet predict`: motions to the files of moving bodies; no framework, no training."""
+"""`dsnet predict`: motions to the files of moving bodies; no framework unless it is asked for."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from bridge.runs.files import MANIFEST
 from dsnet.prediction.controls import Controls
 from dsnet.prediction.predict_folder import predict_folder
 from dsnet.prediction.prediction_files import OF_MANY, OF_ONE, WRITABLE, predict_motion
+from dsnet.prediction.runtimes import Runtime
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,9 @@ class PredictConfig(Controls):
     write: tuple[str, ...] = ()
     """What to write, of offsets, vertices, latents and strip (a picture), or offsets16 (float16)
     for offsets; by default all for one motion, and offsets for a folder."""
+    runtime: Runtime = "onnx"
+    """What predicts the latents of the paper's networks: `onnx`, ONNX Runtime frame by frame, or
+    `keras`, the Keras model of whole motions. The manifest names it."""
 
 
 PROFILES = {name: PredictConfig() for name in ("smoke", "demo", "paper")}
@@ -62,6 +66,7 @@ def main(config: PredictConfig) -> None:
             predictor=config.predictor,
             controls=config,
             write=write,
+            runtime=config.runtime,
         )
         return
     earlier = (config.out / MANIFEST).exists()
@@ -72,6 +77,7 @@ def main(config: PredictConfig) -> None:
         predictor=config.predictor,
         controls=config,
         write=write,
+        runtime=config.runtime,
     )
     notify(_what_was_made(made, config, ", in place of an earlier prediction" * earlier))
 
@@ -98,7 +104,7 @@ def _looking_at_it(config: PredictConfig, made: Path) -> Iterator[str]:
     yield from ("--out", str(page))
     for field in fields(config):
         value = getattr(config, field.name)
-        if field.name in ("motion", "out", "write") or value == field.default:
+        if field.name in ("motion", "out", "write", "runtime") or value == field.default:
             continue
         yield f"--{field.name.replace('_', '-')}"
         if value is not True:

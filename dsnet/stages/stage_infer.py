@@ -136,6 +136,7 @@ def infer_networks(config: InferConfig) -> Callable[[], Artifact]:
             sequences=to_manifest(motions.sequences),
             predictors={name: names[name]["label"] for name in names},
             codes={name: code_of(trained, name) for name in names},
+            runtime="keras",
             default=trained.manifest["default"],
         )
 
@@ -159,7 +160,8 @@ def infer_plus(config: InferConfig) -> Callable[[], Artifact]:
         model = PlusModel(plus, body)
         _write_offsets(writer, model, body, gather(align, run, files, config.amass_fps))
         labels = {name: one["label"] for name, one in trained.manifest["predictors"].items()}
-        writer.record(predictors=labels, default=trained.manifest["default"])
+        default = trained.manifest["default"]
+        writer.record(predictors=labels, default=default, runtime="onnx")
 
     upstream = {TRAIN_PLUS: trained, align.path.name: align} | _given(config, files)
     return partial(

@@ -37,6 +37,8 @@ class TrainConfig(NetworksRecord):
     """Folder of motions with skin markers. Writes `train_markers` alone: `dsnet_plus`, the run's or
     else the packaged one, with the frequency, damping and preload of these people's soft tissue.
     About a minute a person."""
+    tensorboard: bool = False
+    """Write the networks' losses also as TensorBoard reads them, to `runs/RUN/tensorboard`."""
     rounds: PositiveInt = 8
     """Training rounds of `dsnet_plus`; each begins with a simulation of every clip."""
     plus: Fixed[TrainPlusConfig] = field(default_factory=TrainPlusConfig)
@@ -74,7 +76,7 @@ def main(config: TrainConfig) -> None:
     if networks:
         own: dict[str, Any] = {f.name: getattr(config, f.name) for f in fields(NetworksRecord)}
         record = replace(NetworksRecord(**own), predictors=tuple(networks))
-        of_framework("train_networks")(run, record)
+        of_framework("train_networks")(run, record, tensorboard=config.tensorboard)
     if PLUS in names:
         of_framework("train_plus")(plus_config(config), simulate_nodes)
 

@@ -1,4 +1,4 @@
-"""Keras's own `compile` and `fit` train DSNet as `dsnet train` does."""
+"""`Trainer` and a `compile` and `fit` of one's own give the bits of a loop written by hand."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import pytest
 from bridge.exchange.dsnet import Clips
 from tests.pages import python_blocks
 from tf_dsnet import BlockLSTM, ClipBatches, SumOfDistances, build_dsnet
-from tf_dsnet.framework import be_reproducible, keras
-from tf_dsnet.model import assign_weights, named_weights
+from tf_dsnet.clip_batches import batches_of_epoch
+from tf_dsnet.framework import be_reproducible, keras, tf
+from tf_dsnet.model import assign_weights, named_weights, sum_of_distances
 from tf_dsnet.trainer import Trainer
 
 EPOCHS = 4
@@ -27,11 +28,36 @@ def clips() -> Clips:
 
 @pytest.fixture(scope="module")
 def trained(clips):
-    """Weights at the start, after `Trainer`'s epochs, and their losses."""
+    """Weights at the start, after epochs of a loop written by hand, and their losses."""
+    be_reproducible(3)
+    network, adam = build_dsnet(), keras.optimizers.Adam(1e-3)
+    adam.build(network.trainable_variables)
+    start = named_weights(network)
+
+    @tf.function(input_signature=[tf.TensorSpec((None, 40, size)) for size in (79, 100)])
+    def step(motion, latents):
+        with tf.GradientTape() as tape:
+            loss = sum_of_distances(latents, network(motion, training=True))
+        gradients = tape.gradient(loss, network.trainable_variables)
+        adam.apply(gradients, network.trainable_variables)
+        return loss
+
+    losses = []
+    for epoch in range(EPOCHS):
+        batches = batches_of_epoch(len(clips), 4, 3, epoch)
+        each = [float(step(clips.inputs[rows], clips.latents[rows])) for rows in batches]
+        losses.append(np.average(each, weights=[*map(len, batches)]))
+    return start, named_weights(network), losses
+
+
+def test_the_trainer_gives_the_bits_of_the_loop(clips, trained):
+    start, weights, losses = trained
     trainer = Trainer(clips, lr=1e-3, batch_size=4, seed=3, build=build_dsnet)
-    start = named_weights(trainer.model)
-    losses = [trainer.epoch(number) for number in range(EPOCHS)]
-    return start, named_weights(trainer.model), losses
+    assert_same(trainer.model, start)
+    trainer.trace()
+    assert_same(trainer.model, start)
+    np.testing.assert_allclose([trainer.epoch(n) for n in range(EPOCHS)], losses, rtol=1e-6)
+    assert_same(trainer.model, weights)
 
 
 def fitted(clips: Clips, start: dict, *callbacks: keras.callbacks.Callback) -> keras.Model:
@@ -50,7 +76,7 @@ def assert_same(network: keras.Model, weights: dict) -> None:
         np.testing.assert_array_equal(array, weights[name], err_msg=name)
 
 
-def test_fit_gives_the_trainers_bits(clips, trained):
+def test_fit_gives_the_bits_of_the_loop(clips, trained):
     start, weights, losses = trained
     network = fitted(clips, start)
     assert_same(network, weights)

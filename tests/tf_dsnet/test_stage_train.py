@@ -27,7 +27,7 @@ from tests.tf_dsnet.plus import TINY as PLUS_TINY
 from tests.tf_dsnet.plus import forge_run, teach_nothing
 from tests.tf_dsnet.trained import train_in
 from tf_dsnet import predictors, train_networks, trainer
-from tf_dsnet.framework import keras
+from tf_dsnet.framework import keras, tf
 from tf_dsnet.predictors import DsnetPredictor
 
 TINY = TrainConfig(run="tiny", epochs=5, frames=32, validate_every=2, checkpoint_every=2)
@@ -251,6 +251,43 @@ def test_a_network_that_keras_cannot_save_is_refused_or_goes_without_its_file(
     files = read_artifact(trained_run / "train").manifest["files"]
     assert "own.safetensors" in files
     assert "own.keras" not in files
+
+
+def test_the_lstm_may_be_kerass_own(trained_run):
+    stage_train.main(replace(TINY, lstm="stock", predictors=("dsnet_faithful",)))
+    made = read_artifact(trained_run / "train")
+    settings = made.manifest["config"]["predictors"]
+    assert [settings[name].get("lstm") for name in BOTH] == [None, "stock"]
+    stock = load_weights(made.file("dsnet_faithful.safetensors"))
+    stage_train.main(replace(TINY, predictors=("dsnet_faithful",)))
+    block = load_weights(read_artifact(trained_run / "train").file("dsnet_faithful.safetensors"))
+    differences = {name: np.abs(stock[name] - array).max() for name, array in block.items()}
+    assert 0 < max(differences.values()) <= 5e-5 * max(np.abs(a).max() for a in block.values())
+
+
+def test_losses_for_tensorboard_change_nothing_else(whole_run, encoded_run):
+    stage_train.main(replace(TINY, tensorboard=True))
+    made = read_artifact(encoded_run / "train")
+    assert made.content_sha256 == read_artifact(whole_run / "train").content_sha256
+    for name in BOTH:
+        curves = encoded_run / "tensorboard" / name
+        assert read_curve(curves / "train") == dict(enumerate(made.array(f"loss_{name}")))
+        epochs = made.array(f"validation_epochs_{name}") - 1
+        validated = dict(zip(epochs, made.array(f"validation_loss_{name}"), strict=True))
+        assert read_curve(curves / "validation") == validated
+
+
+def read_curve(folder: Path) -> dict[int, float]:
+    """Losses by epoch of the one file that TensorBoard would read there."""
+    (file,) = folder.iterdir()
+    records = tf.data.TFRecordDataset(str(file)).as_numpy_iterator()
+    events = map(tf.compat.v1.Event.FromString, records)
+    return {
+        event.step: tf.make_ndarray(value.tensor).item()
+        for event in events
+        for value in event.summary.value
+        if value.tag == "epoch_loss" and value.metadata.plugin_data.plugin_name == "scalars"
+    }
 
 
 def test_who_names_all_networks_gives_their_order(trained_run):

@@ -45,7 +45,7 @@ def predicted(out: Path, motion: Path, *options: str) -> dict:
 def test_the_best_of_both_pipelines_predicts_and_says_so(motion, tmp_path, capsys):
     made = predicted(tmp_path / "out", motion)
     assert (made["predictor"], made["label"], made["why"]) == (NAME, "soft flesh", "the run's best")
-    said = "dsnet: dsnet_plus (soft flesh) of run 'r' predicts: the run's best\n"
+    said = "dsnet: dsnet_plus (soft flesh) of run 'r' predicts with ONNX Runtime: the run's best\n"
     first, last = capsys.readouterr().err.splitlines(keepends=True)
     assert first == said
     assert last.startswith("dsnet: wrote offsets.npy")
