@@ -64,7 +64,7 @@ THIRD_PARTIES = {
             "scipy", "trimesh",
         },
         "view": {"numpy", "scipy"},
-        "verify": {"numpy", "tyro"},
+        "verify": {"numpy", "scipy", "tyro"},
         "stages": {"numpy", "tyro"},
     },
 }  # fmt: skip
