@@ -39,6 +39,8 @@ class ReadingsConfig:
     """Run for the corpus; those of the readings begin with its name."""
     profile: str = "demo"
     """Whose people, motions and steps of SGD."""
+    subjects: int = 2
+    """How many people."""
     frames: int = 60
     """Mean length of a clip."""
 
@@ -47,12 +49,12 @@ def main(config: ReadingsConfig) -> None:
     source = Run(config.run)
     run_dsnet(
         *("corpus", "--run", source.name, "--profile", config.profile),
-        *("--mean-frames", str(config.frames)),
+        *("--mean-frames", str(config.frames), "--subjects", str(config.subjects)),
     )
     found = {name: _errors(config, source, name) for name in READINGS}
     machine = source.artifact("corpus").manifest["provenance"]["machine"]
-    results = {"profile": config.profile, "frames": config.frames, "machine": machine}
-    results |= {"readings": found}
+    settings = {"profile": config.profile, "subjects": config.subjects, "frames": config.frames}
+    results = {**settings, "machine": machine, "readings": found}
     write_text_atomically(config.out, json.dumps(results, indent=1) + "\n")
 
 
