@@ -63,7 +63,7 @@ def readings() -> str:
     )
     return (
         f"{table(_READINGS, rows)}\n"
-        f"Synthetic data beside their truth: {results['subjects']} people of `{results['profile']}`, "
-        f"clips of about {results['frames']} frames. Made by "
+        f"Synthetic data beside their truth: {results['subjects']} people of "
+        f"`{results['profile']}`, clips of about {results['frames']} frames. Made by "
         "`python -m benchmarks.alignment.readings --out docs/results/alignment/readings.json`.\n"
     )
