@@ -111,7 +111,8 @@ def dsnet_exported(weights: Tensors, motion: NDArray, form: str, saved: str = ""
             network = keras_files.stock_network(TrainedDsnet.from_arrays("dsnet", weights))
             keras_files.save_keras(network, path)
         if form == "keras":
-            latents = keras.models.load_model(path)(motion)
+            opened: Any = keras.models.load_model(path)
+            latents = opened(motion)
         elif form == "savedmodel":
             keras_files.write_savedmodel(made, path)
             served = tf.saved_model.load(made)  # held, as its function does not hold its weights

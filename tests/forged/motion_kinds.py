@@ -1,6 +1,6 @@
 """Motion files of every kind that people have, forged: one walk, on one skeleton, written by turns.
 
-`python -m tests.forged.motion_kinds` reads them all and writes the table of docs/results/motion_kinds.md.
+`python -m tests.forged.motion_kinds` reads them all and writes docs/results/motion_kinds.md.
 """
 
 from __future__ import annotations

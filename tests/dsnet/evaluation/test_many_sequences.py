@@ -38,11 +38,11 @@ def written(path: Path, sequences: int) -> Artifact:
 def indexings(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How often an index of all sequences is made."""
     made: list[int] = []
-    for real in (pipelines.sequences_of, pipelines.subject_rows):
+    for real in (pipelines.sequences_of, pipelines.shape_rows):
 
-        def counted(of, real=real):
+        def counted(*of, real=real):
             made.append(1)
-            return real(of)
+            return real(*of)
 
         monkeypatch.setattr(pipelines, real.__name__, counted)
     return made
