@@ -41,12 +41,13 @@ class MotionArrays:
     sequences: Mapping[str, MotionSequence]
     """By name, with the frames that each has in the arrays."""
     rows: Mapping[str, int]
-    """Row of each sequence in `betas`."""
+    """Row of each sequence in `betas`; none where the artifact has no betas."""
 
     @classmethod
     def of(cls, artifact: Artifact) -> MotionArrays:
         sequences = sequences_of(artifact)
-        rows = shape_rows(sequences, artifact.array("betas"))
+        has_betas = "betas" in artifact.manifest["arrays"]
+        rows = shape_rows(sequences, artifact.array("betas")) if has_betas else {}
         return cls(artifact, {one.name: one for one in sequences}, rows)
 
     def betas(self, name: str) -> NDArray:
