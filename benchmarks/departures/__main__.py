@@ -32,7 +32,7 @@ class DeparturesConfig:
     """File for the results."""
     run: str = "demo"
     """Finished run, which has the literal predictors and DSNet+."""
-    longer: int = 5000
+    longer: int = 0
     """Epochs of the literal predictors, trained once more for longer; 0: not."""
 
 
