@@ -17,12 +17,12 @@ PROVIDES = {
     "tensorflow-cpu": "tensorflow",
     "usd-core": "pxr",
 }
-# Keras comes with TensorFlow, which fixes its version; `alembic3d` brings Imath's arrays.
-COMES_WITH = {"imath": "alembic3d", "keras": "tensorflow"}
+# `alembic3d` brings Imath's arrays.
+COMES_WITH = {"imath": "alembic3d"}
 
 
 TEXTS = {"", ".cff", ".html", ".md", ".py", ".sh", ".toml", ".txt"}
-FRAMEWORKS = {"h5py", "tensorflow", "torch"}
+FRAMEWORKS = {"h5py", "keras", "tensorflow", "torch"}
 # What one format of `dsnet export` needs, or one command.
 OF_ONE_COMMAND = ("usd", "abc", "clip", "ray")
 EXTRAS = ("train", *OF_ONE_COMMAND)

@@ -99,7 +99,7 @@ def test_of_many_kinds_of_motion_some_are_left_out_together(clips, monkeypatch):
     """As many folds as kinds up to 32; each takes megabytes of equations."""
     planted = np.random.default_rng(3).normal(scale=3e-3, size=(PEOPLE, NODES, 3))
     misfit = shifted(noisy(clips), lambda c: planted[c.person])
-    kinds = [replace(c.sequence, motion=f"kind{row}") for row, c in enumerate(misfit)]
+    kinds = [replace(c.sequence, motion=f"{row}_kind") for row, c in enumerate(misfit)]
     each = [replace(c, sequence=kind) for c, kind in zip(misfit, kinds, strict=True)]
     solved, solve = [], static_part._solve
     monkeypatch.setattr(static_part, "_solve", lambda *of: (solved.append(1), solve(*of))[1])
