@@ -101,10 +101,10 @@ class Trainer:
 
         This updates the running statistics, as a training step does.
         """
-        told, latents, *real = self._examples(self._clips)
+        inputs, latents, *real = self._examples(self._clips)
         with tf.GradientTape() as tape:
-            predicted = self.model(told, training=True)
-            loss = self.model.compute_loss(told, latents, predicted, *real)
+            predicted = self.model(inputs, training=True)
+            loss = self.model.compute_loss(inputs, latents, predicted, *real)
         gradients = tape.gradient(loss, self.model.trainable_variables)
         trainable = {id(variable) for variable in self.model.trainable_variables}
         names = [n for n, v in named_variables(self.model).items() if id(v) in trainable]
@@ -136,7 +136,7 @@ class Trainer:
         return batches_of_epoch(len(self._clips), self._batch_size, self._seed, self._epoch)
 
     def _examples(self, clips: Clips) -> tuple[Any, ...]:
-        """What the network is told, latents and, if masked, real frames as sample weights."""
+        """Inputs of the network, latents and, if masked, real frames as sample weights."""
         motion, real = clips.inputs, clips.real
         if not self._masked:
             return motion, clips.latents
