@@ -94,6 +94,7 @@ class Trainer:
 
     def loss(self, clips: Clips) -> float:
         """Mean loss of a clip with the batch normalisation's running statistics."""
+        self.model.reset_metrics()  # older Keras goes on with the mean of the epoch before
         return float(self.model.test_on_batch(*self._examples(clips)))
 
     def gradients(self) -> tuple[float, dict[str, NDArray]]:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.claims.grounds import SAID, Ground, on_both
-from benchmarks.claims.of_training import of_dimension, of_end_to_end, of_range
+from benchmarks.claims.of_training import of_end_to_end, of_range
 from benchmarks.claims.results import NEW, Results, mean_sd
 from benchmarks.claims.row import DSNET, Claim, Verdict, clearly_less, rule
 
@@ -43,8 +43,6 @@ def of_network(results: Results) -> Iterator[Claim]:
     yield both(
         "The first layers extract inertia from θ, so no velocities are needed", "4.3", _inertia
     )
-    if results.dimension:
-        yield of_dimension(results.dimension)
     yield of_end_to_end(results)
     yield both(
         "Nonlinear, it does better than Dyna's linear law",

@@ -7,11 +7,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.claims.grounds import SAID
-from benchmarks.claims.results import HELD_OUT, KNOWN, Results, mean_sd
-from benchmarks.claims.row import BATCH_NORM, COMPARISON, DIMENSION, DSNET, Claim, rule
-
-_WIDTHS = ("autoencoder", "offsets")
-"""Codes of the study of dimension: what is compared."""
+from benchmarks.claims.results import KNOWN, Results, mean_sd
+from benchmarks.claims.row import BATCH_NORM, COMPARISON, DSNET, Claim, rule
 
 
 def of_range(found: dict[str, Any]) -> Claim:
@@ -31,33 +28,6 @@ def of_range(found: dict[str, Any]) -> Claim:
         rule(max(outside) < 0.01, max(outside) < 0.1),
         (BATCH_NORM,),
         f"outside of it are {'; '.join(words)}. The LSTM's own outputs are within by construction",
-    )
-
-
-def of_dimension(found: dict[str, Any]) -> Claim:
-    systems, clip = found["systems"], HELD_OUT
-
-    def said(reading: str) -> str:
-        codes, raw = (systems[f"{code} {reading}"]["r2"][clip] for code in _WIDTHS)
-        return f"{codes:.2f} beside {raw:.2f}"
-
-    readings = [r for r in ("paper", "standardised") if f"offsets {r}" in systems]
-    gained = [
-        systems[f"autoencoder {r}"]["r2"][clip] - systems[f"offsets {r}"]["r2"][clip]
-        for r in readings
-    ]
-    codes, raw = (systems[f"{code} {readings[0]}"] for code in _WIDTHS)
-    return Claim(
-        "Reducing the dimension largely improves the LSTM",
-        "4.1",
-        "",
-        rule(min(gained) > 0.1, max(gained) > 0.1 or raw["epoch_s"] > 5 * codes["epoch_s"]),
-        (DIMENSION,),
-        f"R² on the held-out jump with 100 codes beside 20,670 offsets as output (the LSTM is "
-        f"given neither) after {found['epochs']} epochs each: "
-        f"{'; standardised at rate 0.001 '.join(map(said, readings))}. An epoch "
-        f"{codes['epoch_s']:.2f} s beside {raw['epoch_s']:.1f}, {codes['parameters']:,} "
-        f"parameters beside {raw['parameters']:,}",
     )
 
 

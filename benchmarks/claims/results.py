@@ -75,12 +75,6 @@ class Results:
         return self.read_if_there("claims/seconds.json")
 
     @cached_property
-    def dimension(self) -> dict[str, Any] | None:
-        """DSNet on offsets, once both outputs were trained."""
-        found = self.read_if_there("claims/dimension.json")
-        return found if found and "offsets paper" in found["systems"] else None
-
-    @cached_property
     def alignment(self) -> dict[str, Any]:
         """The study of alignment and gains."""
         return self.read("claims/alignment.json")

@@ -23,9 +23,7 @@ COMPARISON, SUBSPACES, SPEED = (
 GPU = "results/gpu/torch.json"
 STUDY, GAINS = "results/claims/align_robust-0.json", "results/claims/alignment.json"
 PAPERS_STUDY = "results/claims/paper-0.json"
-BATCH_NORM, DIMENSION, SECONDS = (
-    f"results/claims/{name}.json" for name in ("batch_norm", "dimension", "seconds")
-)
+BATCH_NORM, SECONDS = "results/claims/batch_norm.json", "results/claims/seconds.json"
 COMMANDS = {
     DEMO: ("demo", "./reproduce.sh"),
     PAPER_RUN: ("paper", "./reproduce.sh --profile paper"),
@@ -35,7 +33,6 @@ COMMANDS = {
         "python -m benchmarks.claims.networks --out DIR --seeds 0 --reading paper",
     ),
     BATCH_NORM: ("range", "python -m benchmarks.claims.batch_norm --out FILE"),
-    DIMENSION: ("dimension", "python -m benchmarks.claims.dimension --out FILE"),
     SECONDS: ("seconds", "python -m benchmarks.claims.seconds --out FILE"),
     GAINS: ("alignment", "python -m benchmarks.claims.alignment --out FILE"),
     COMPARISON: ("comparison", "python -m benchmarks.prediction.comparison --out DIR"),

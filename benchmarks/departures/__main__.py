@@ -9,14 +9,14 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks import plugin
-from benchmarks.departures.ladder import CODES, LITERAL, STEPS, Step
+from benchmarks.departures.ladder import CODES, STEPS, Step
 from benchmarks.processes import run_as_process, run_dsnet, run_module
 from bridge.exchange.dsnet import AUTOENCODER, LATENTS_OF, LITERAL_DSNETS, CodeName
 from bridge.runs import Run
@@ -32,8 +32,6 @@ class DeparturesConfig:
     """File for the results."""
     run: str = "demo"
     """Finished run, which has the literal predictors and DSNet+."""
-    longer: int = 0
-    """Epochs of the literal predictors, trained once more for longer; 0: not."""
 
 
 def main(config: DeparturesConfig) -> None:
@@ -44,14 +42,12 @@ def main(config: DeparturesConfig) -> None:
     epochs = source.artifact("train").manifest["config"]["predictors"]["dsnet_literal"]["epochs"]
     rows = {code: _of_code(source, code, steps, epochs) for code in CODES}
     rows[""] = [_row(source, step, epochs) for step in STEPS if not step.code]
-    longer = _longer(source, config.longer) if config.longer else []
-    in_order = [row for code in dict.fromkeys(s.code for s in STEPS) for row in rows.pop(code)]
-    in_order.sort(key=lambda row: [step.text for step in STEPS].index(row["text"]))
+    by_text = {row["text"]: row for of_code in rows.values() for row in of_code}
     results = {
         "data": trained.origin,
         "run": config.run,
         "machine": trained.manifest["provenance"]["machine"],
-        "rows": [*longer, *in_order],
+        "rows": [by_text[step.text] for step in STEPS],
     }
     write_text_atomically(config.out, json.dumps(results, indent=1) + "\n")
 
@@ -66,13 +62,6 @@ def _of_code(source: Run, code: str, steps: int, epochs: int) -> list[dict[str, 
     autoencoder = ("--run", run.name, "--code", code, "--steps", str(steps))
     run_module("benchmarks.departures.autoencoder", *autoencoder)
     return _predicted(run, here, epochs)
-
-
-def _longer(source: Run, epochs: int) -> list[dict[str, Any]]:
-    """The literal predictors again, on the same latents."""
-    run = Run(f"{source.name}-longer")
-    _link(source, run, ("corpus", "truth", ALIGNMENT, "train-ae", "encode"))
-    return _predicted(run, [replace(step, text=f"{step.text}, longer") for step in LITERAL], epochs)
 
 
 def _predicted(run: Run, steps: Sequence[Step], epochs: int) -> list[dict[str, Any]]:

@@ -50,4 +50,3 @@ STEPS = (
     Step("and DSNet+ in place of autoencoder and DSNet", "dsnet_plus"),
 )
 """Each keeps what the one before it departs in, but for the two readings of [-1, 1]."""
-LITERAL = STEPS[:2]

@@ -127,9 +127,13 @@ def _table_1(stages: Stages) -> list[dict[str, Any]]:
 def departures(stages: Stages) -> list[str]:
     """Where the run departs from the paper, as its training stages recorded it."""
     texts: list[str] = []
-    aligner = stages[ALIGNMENT].manifest["config"].get("aligner") if ALIGNMENT in stages else None
-    if aligner not in (None, "sgd"):
+    aligned = stages[ALIGNMENT].manifest["config"] if ALIGNMENT in stages else {}
+    if (aligner := aligned.get("aligner", "sgd")) != "sgd":
         texts.append(f"alignment: by `{aligner}`, which is this repository's, in place of SGD")
+    if aligned.get("iterate") == "last":
+        texts.append("alignment: a frame's last iterate in place of the best matching one")
+    if aligned.get("betas_per") == "sequence":
+        texts.append("alignment: each sequence has its own shape, of its first frame")
     if "train-ae" in stages:
         train_ae = stages["train-ae"].manifest
         for code in (AUTOENCODER, *LITERAL_CODES):

@@ -187,8 +187,7 @@ def _write_offsets(
 ) -> None:
     chosen = decoded_sequences(motions.sequences)
     placed = end_to_end(chosen)
-    rows = shape_rows(motions.sequences, motions.betas)
-    betas = {one.subject: motions.betas[rows[one.name]] for one in chosen}
+    shape_of = shape_rows(motions.sequences, motions.betas)
     size = (sum(s.length for s in placed), body.vertex_count, 3)
     total = writer.array_file(f"offsets_{NAME}", size, np.float32, "m")
     has_static = bool(model.trained.static)
@@ -196,7 +195,7 @@ def _write_offsets(
 
     def predict(model: PlusModel, pair: tuple[MotionSequence, MotionSequence]) -> None:
         sequence, place = pair
-        shape, theta = betas[sequence.subject], motions.theta[sequence.frames]
+        shape, theta = motions.betas[shape_of[sequence.name]], motions.theta[sequence.frames]
         at_nodes = predict_between_cuts(
             lambda part: np.stack([*codes_of(model, part, shape)]).transpose(0, 2, 1), theta
         )
@@ -216,5 +215,6 @@ def _write_offsets(
             pass
     theta = np.concatenate([motions.theta[sequence.frames] for sequence in chosen])
     writer.put("theta", theta, "rad, then m")
-    writer.put("betas", np.stack(list(betas.values())), "1")
+    used = dict.fromkeys(shape_of[sequence.name] for sequence in chosen)
+    writer.put("betas", motions.betas[list(used)], "1")
     writer.record(sequences=to_manifest(placed))

@@ -63,6 +63,16 @@ def test_loss_falls_below_that_of_the_mean(clips):
     assert trainer.loss(clips) < 0.7 * of_the_mean
 
 
+def test_a_clips_loss_is_its_own_whatever_came_before(clips):
+    trainer = Trainer(clips, lr=0.0, batch_size=2)
+    other = Clips(clips.inputs, clips.latents + np.float32(3), clips.real)
+    trainer.epoch(0)
+    trainer.loss(clips)
+    predicted = np.asarray(trainer.model(other.inputs, training=False))
+    distances = np.linalg.norm(predicted - other.latents, axis=-1).sum(axis=1)
+    assert trainer.loss(other) == pytest.approx(distances.mean(), rel=1e-6)
+
+
 def with_garbage_where_padded(clips: Clips) -> Clips:
     garbage = np.random.default_rng(8).normal(size=clips.inputs.shape).astype(np.float32)
     return Clips(

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.claims.__main__ import PAGE, page
 from benchmarks.claims.alignment import _gains
 from benchmarks.claims.claims import claims
-from benchmarks.claims.of_training import of_dimension, of_range
+from benchmarks.claims.of_training import of_range
 from benchmarks.claims.references import InComponents, InOffsets, r2
 from benchmarks.claims.results import Results
 from benchmarks.claims.row import FAILS, HOLDS, PART, Claim
@@ -76,16 +76,6 @@ def test_single_facts_are_judged_by_their_numbers() -> None:
     assert of_range({"networks": networks}).verdict == HOLDS
     layers["batch_norm"]["outside"] = 0.6
     assert of_range({"networks": networks}).verdict == FAILS
-
-    def dimension(codes: float, raw: float, raw_s: float) -> str:
-        own = {"parameters": 1, "r2": {"validation": codes}, "epoch_s": 0.1}
-        other = {"parameters": 2, "r2": {"validation": raw}, "epoch_s": raw_s}
-        systems = {"autoencoder paper": own, "offsets paper": other}
-        return of_dimension({"systems": systems, "epochs": 3}).verdict
-
-    assert dimension(0.8, 0.2, 0.1) == HOLDS
-    assert dimension(0.8, 0.8, 5.0) == PART
-    assert dimension(0.8, 0.8, 0.1) == FAILS
 
 
 def test_an_error_of_coefficients_is_that_of_the_offsets_they_stand_for() -> None:

@@ -250,6 +250,10 @@ def test_another_aligner_than_the_papers_is_a_departure(folder):
     for aligner, count in (("sgd", 0), ("robust", 1)):
         align.manifest["config"]["aligner"] = aligner
         assert sum("in place of SGD" in text for text in departures({"align": align})) == count
+    align.manifest["config"] |= {"aligner": "sgd", "iterate": "last", "betas_per": "sequence"}
+    last, own = departures({"align": align})
+    assert "last iterate" in last
+    assert "its own shape" in own
 
 
 def test_departures_of_both_pipelines_are_told(folder):

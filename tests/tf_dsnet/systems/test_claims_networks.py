@@ -11,7 +11,6 @@ import pytest
 from benchmarks.claims import networks
 from benchmarks.claims.batch_norm import outside
 from benchmarks.claims.by_the_paper import ByThePaper, unscaled
-from benchmarks.claims.dimension import scored as scored_at_width
 from benchmarks.claims.looked_into import exchanged, probe
 from benchmarks.claims.references import InComponents, ScoredMotion
 from benchmarks.plugin import predictors
@@ -138,15 +137,6 @@ def test_a_killed_study_goes_on_after_the_systems_that_it_has(body, tmp_path, mo
     assert found["systems"]["dsnet_pca"]["r2"] == "kept"
     assert set(found["systems"]["dsnet_two_frames"]["r2"]) == {one.cell for one in data.tested}
     assert found["exchanged_betas"] == kept["exchanged_betas"]
-
-
-def test_a_wide_last_layer_is_trained_and_judged() -> None:
-    those = clips(2, frames=20, size=30)
-    reference = InComponents(np.zeros((20, 30)), np.zeros(20), np.ones(20))
-    tested = [ScoredMotion("a", "validation", np.zeros((20, 69)), np.zeros(10), reference)]
-    found = scored_at_width(those, tested, PredictorSettings(epochs=1), standardised=True)
-    assert found["parameters"] == 65_140 - 61 * 70
-    assert found["r2"]["validation"] < 1
 
 
 def test_values_outside_are_counted(monkeypatch) -> None:
