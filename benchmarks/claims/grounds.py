@@ -26,7 +26,7 @@ class Ground:
     seeds: Sequence[dict[str, Any]]
     """Results, a training seed each."""
     cells: tuple[str, ...]
-    """Test groups that are told; the first one decides."""
+    """Test groups that are reported; the first one decides."""
 
     def r2(self, system: str, cell: str = "") -> float:
         """Of the seeds' mean."""
@@ -46,7 +46,7 @@ class Ground:
 
 
 Measure = Callable[[Ground], tuple[str, Verdict]]
-"""What is told of one ground, and the verdict there."""
+"""What is reported of one ground, and the verdict there."""
 
 
 def on_both(results: Results, claim: str, place: str, measure: Measure, *systems: str) -> Claim:

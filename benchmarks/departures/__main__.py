@@ -65,7 +65,8 @@ def _of_code(source: Run, code: str, steps: int, epochs: int) -> list[dict[str, 
 
 
 def _predicted(run: Run, steps: Sequence[Step], epochs: int) -> list[dict[str, Any]]:
-    kept = run.path / "departures.json"
+    learned_from = run.artifact("train-ae").content_sha256[:12]
+    kept = run.path / f"departures-{learned_from}-{epochs}.json"
     if not kept.exists():
         names = [step.predictor for step in steps]
         run_dsnet("train", "--run", run.name, "--epochs", str(epochs), "--predictors", *names)

@@ -25,8 +25,8 @@ from dsnet.stages.frameworks import of_framework
 class TrainConfig(NetworksRecord):
     """Train predictors on the training sequences.
 
-    Costs some 60 ms an epoch of both networks for 40 sequences of 300 frames on two cores, 1 GB of
-    memory, and two minutes for `dsnet_plus`. Writes weights and losses: of the networks to `train`,
+    Costs 1 GB of memory, and two minutes for `dsnet_plus`; the report says what an epoch of the
+    networks took. Writes weights and losses: of the networks to `train`,
     of `dsnet_plus` to `train_plus`. The weights of the last epoch are kept: choosing the epoch with
     the least validation error would make that a training error.
     """
