@@ -23,11 +23,12 @@ from dsnet.stages import stage_infer, stage_train
 from dsnet.stages.stage_infer import InferConfig
 from dsnet.stages.stage_train import PROFILES, TrainConfig
 from tests.forged.plus import soft_flesh, write_plus
+from tests.tf_dsnet.curves import read_curve
 from tests.tf_dsnet.plus import TINY as PLUS_TINY
 from tests.tf_dsnet.plus import forge_run, teach_nothing
 from tests.tf_dsnet.trained import train_in
 from tf_dsnet import predictors, train_networks, trainer
-from tf_dsnet.framework import keras, tf
+from tf_dsnet.framework import keras
 from tf_dsnet.predictors import DsnetPredictor
 
 TINY = TrainConfig(run="tiny", epochs=5, frames=32, validate_every=2, checkpoint_every=2)
@@ -275,19 +276,6 @@ def test_losses_for_tensorboard_change_nothing_else(whole_run, encoded_run):
         epochs = made.array(f"validation_epochs_{name}") - 1
         validated = dict(zip(epochs, made.array(f"validation_loss_{name}"), strict=True))
         assert read_curve(curves / "validation") == validated
-
-
-def read_curve(folder: Path) -> dict[int, float]:
-    """Losses by epoch of the one file that TensorBoard would read there."""
-    (file,) = folder.iterdir()
-    records = tf.data.TFRecordDataset(str(file)).as_numpy_iterator()
-    events = map(tf.compat.v1.Event.FromString, records)
-    return {
-        event.step: tf.make_ndarray(value.tensor).item()
-        for event in events
-        for value in event.summary.value
-        if value.tag == "epoch_loss" and value.metadata.plugin_data.plugin_name == "scalars"
-    }
 
 
 def test_who_names_all_networks_gives_their_order(trained_run):
