@@ -274,7 +274,7 @@ def _cluster(tools: Tools, initializer: Initializer) -> Iterator[WorkerPool[Tool
     except exceptions.RayError as error:
         raise InterruptedWorkError(
             f"work that the cluster gave up ({str(error).splitlines()[0]})",
-            "nodes that stay, with enough memory",
+            "nodes that stay, with enough memory and disk",
             "Mend the cluster and run the same command: it goes on where it was.",
         ) from error
 

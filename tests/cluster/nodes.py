@@ -27,8 +27,12 @@ class TwoNodes:
     """Two raylets of a core each, in a process of their own."""
 
     def __init__(self, folder: Path) -> None:
-        # Sockets lie in this folder.
-        environment = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_TMPDIR": str(folder)}
+        environment = {
+            "RAY_USAGE_STATS_ENABLED": "0",
+            "RAY_TMPDIR": str(folder),  # of the sockets
+            # Ray refuses work where 95 % of a disk are used, however much is left of it.
+            "RAY_local_fs_capacity_threshold": "0.999",
+        }
         self._process = subprocess.Popen(
             [sys.executable, "-W", "ignore", "-c", _NODES],
             stdin=subprocess.PIPE,
