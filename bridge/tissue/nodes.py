@@ -23,6 +23,9 @@ _NODES_PER_VERTEX = 8
 """Nodes that share a vertex; the others' weights are negligible."""
 _NEIGHBOURS_PER_VERTEX = 6
 _REGULAR = 1e-9
+_BLOCK = 106
+"""Consecutive vertices that are interpolated by one matrix product from the nodes near them; these
+are few, as vertex numbers follow the surface. 65 blocks are SMPL's 6890 vertices."""
 _COLUMNS_AT_ONCE = 4
 """Of a factored system's right sides. With more, SuperLU calls BLAS's threads for each of its many
 small blocks, which costs far more than they save."""
@@ -107,6 +110,21 @@ class TissueNodes:
     def spread(self, at_nodes: NDArray) -> NDArray[np.float32]:
         """Offsets (T, K, 3) of the nodes to those of all vertices (T, V, 3)."""
         return _per_frame(self._spread, np.asarray(at_nodes, np.float32))
+
+    def blocks(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """`spread` as products of small dense matrices: nodes (blocks, N) of blocks of consecutive
+        vertices, and their shares (blocks, N, 106); of vertices after the last one, zeros."""
+        starts = range(0, len(self.owners), _BLOCK)
+        near = [np.unique(self.owners[start : start + _BLOCK]) for start in starts]
+        most = max(map(len, near))
+        nodes = np.zeros((len(near), most), np.int64)
+        shares = np.zeros((len(near), most, _BLOCK), np.float32)
+        for block, (start, of_block) in enumerate(zip(starts, near, strict=True)):
+            vertices = np.arange(start, min(start + _BLOCK, len(self.owners)))
+            nodes[block, : len(of_block)] = of_block
+            rows = np.searchsorted(of_block, self.owners[vertices])  # (106, 8)
+            shares[block, rows, (vertices - start)[:, None]] = self.shares[vertices]
+        return nodes, shares
 
     def reading(self, vertices: NDArray) -> NDArray[np.float64]:
         """(N, K) how much of each node's offset some vertices (N,) take."""

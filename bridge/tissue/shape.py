@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,3 +64,12 @@ def ends_of_bones(joints: NDArray, parents: NDArray) -> NDArray[np.intp]:
     """Which joints (J, 3) do not lie where their parents do, as some models' eyes and fingers."""
     apart = np.linalg.norm(joints - joints[parents], axis=1)
     return np.flatnonzero((parents >= 0) & (apart > 1e-6))
+
+
+def faces_around(body: BodyModelData, nodes: NDArray) -> NDArray[np.int64]:
+    """Faces (K, D) at each of some vertices (K,), filled up with the index after the last face."""
+    corners = body.faces.ravel()
+    ends = np.cumsum(np.bincount(corners, minlength=body.vertex_count))
+    of_vertices = np.split(np.argsort(corners, kind="stable") // 3, ends[:-1])
+    columns = zip_longest(*(of_vertices[node] for node in nodes), fillvalue=len(body.faces))
+    return np.array([*columns]).T

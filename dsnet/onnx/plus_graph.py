@@ -32,9 +32,6 @@ from dsnet.onnx.body_graph import (
 from dsnet.onnx.onnx_graph import Graph, Precision, StateLayout, Value
 from dsnet.onnx.tissue_graph import Springs, TissueGraph, tissue_constants, training_people
 
-_BLOCK = 106
-"""Consecutive vertices that are interpolated by one matrix product from the nodes near them; these
-are few, as vertex numbers follow the surface. 65 blocks are SMPL's 6890 vertices."""
 Arrays = dict[str, Value]
 
 
@@ -267,23 +264,14 @@ def _offsets(step: _PlusStep, features: Value) -> Value:
 def interpolated(graph: Graph, nodes: TissueNodes, at_nodes: Value) -> Value:
     """Offsets (B, 3, V) of all vertices, interpolated from those of the nodes (B, 3, K)."""
     vertex_count = len(nodes.owners)
-    near = [
-        np.unique(nodes.owners[start : start + _BLOCK]) for start in range(0, vertex_count, _BLOCK)
-    ]
-    blocks, most = len(near), max(map(len, near))
-    block_nodes = np.zeros((blocks, most), np.int64)
-    weights = np.zeros((blocks, most, _BLOCK), np.float32)
-    for block, own_nodes in enumerate(near):
-        block_nodes[block, : len(own_nodes)] = own_nodes
-        vertices = np.arange(block * _BLOCK, min((block + 1) * _BLOCK, vertex_count))
-        rows = np.searchsorted(own_nodes, nodes.owners[vertices])  # (106, 8)
-        weights[block, rows, (vertices % _BLOCK)[:, None]] = nodes.shares[vertices]
+    of_blocks, shares = nodes.blocks()
+    blocks, most, size = shares.shape
     # Gather whole rows, for all characters at once: copying single numbers is slow.
     by_node = at_nodes.transpose(2, 0, 1).reshape(len(nodes), -1)  # (K, 3 B)
-    values = by_node.gather(block_nodes.ravel(), axis=0).reshape(blocks, most, -1)
-    products = values.transpose(0, 2, 1) @ graph.array("shares", weights)  # (blocks, 3 B, 106)
-    whole = products.transpose(1, 0, 2).reshape(-1, 3, blocks * _BLOCK)
-    return whole if blocks * _BLOCK == vertex_count else whole.part(2, 0, vertex_count)
+    values = by_node.gather(of_blocks.ravel(), axis=0).reshape(blocks, most, -1)
+    products = values.transpose(0, 2, 1) @ graph.array("shares", shares)  # (blocks, 3 B, 106)
+    whole = products.transpose(1, 0, 2).reshape(-1, 3, blocks * size)
+    return whole if blocks * size == vertex_count else whole.part(2, 0, vertex_count)
 
 
 def _with_time(value: Value) -> Value:

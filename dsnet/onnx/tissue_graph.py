@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.paper import FPS, N_BETAS
 from bridge.tissue.oscillators import GRAVITY_M_S2, STEPS, SWEEPS, coupling
-from bridge.tissue.shape import LEAST_DEPTH_M, ends_of_bones, shape_measures
+from bridge.tissue.shape import LEAST_DEPTH_M, ends_of_bones, faces_around, shape_measures
 from bridge.tissue.trained_plus import KERNEL_WIDTH, TrainedPlus, people_kernel
 from dsnet.onnx.onnx_graph import Graph, Value
 
@@ -254,22 +253,13 @@ def _surface(
     first, second, third = (vertices_m.gather(body.faces[:, k], axis=1) for k in range(3))
     volume = (first * _cross(second, third)).sum(2).sum(1) / 6.0
     of_faces = _cross(second - first, third - first)  # (B, F, 3)
-    around = _faces_around(body, nodes)
+    around = faces_around(body, nodes)
     padded = graph.apply("Pad", of_faces, graph.integers([0, 0, 0, 0, 1, 0]))
     adjacent = padded.gather(around.ravel(), axis=1).reshape(0, *around.shape, 3)
     total = adjacent.sum(2).reshape(0, -1, 3)
     normals = total / graph.apply("Sqrt", (total * total).sum(2))
     areas = graph.apply("Sqrt", (adjacent * adjacent).sum(3)).sum(2) / 6.0
     return normals, areas.reshape(0, -1, 1), volume
-
-
-def _faces_around(body: BodyModelData, nodes: NDArray) -> NDArray[np.int64]:
-    """Faces (K, D) at each node, filled up with the index after the last face."""
-    corners = body.faces.ravel()
-    ends = np.cumsum(np.bincount(corners, minlength=body.vertex_count))
-    of_vertices = np.split(np.argsort(corners, kind="stable") // 3, ends[:-1])
-    columns = zip_longest(*(of_vertices[node] for node in nodes), fillvalue=len(body.faces))
-    return np.array([*columns]).T
 
 
 def _cross(first: Value, second: Value) -> Value:
