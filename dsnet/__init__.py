@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from dsnet.prediction.animate import animate, predict
     from dsnet.prediction.controls import Controls
     from dsnet.prediction.load_model import load_model
+    from dsnet.prediction.soft_tissue import soft_tissue
     from dsnet.stream.streams import Stream
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "load_motion",
     "pose_vertices",
     "predict",
+    "soft_tissue",
 ]
 _LOADED_LATE = {
     "Controls": "dsnet.prediction.controls.Controls",
@@ -48,6 +50,7 @@ _LOADED_LATE = {
     "load_motion": "bridge.motion.resampling.load_motion",
     "pose_vertices": "bridge.body.pose_vertices",
     "predict": "dsnet.prediction.animate.predict",
+    "soft_tissue": "dsnet.prediction.soft_tissue.soft_tissue",
 }
 
 

@@ -1,4 +1,4 @@
-"""Alignment, the mesh autoencoder and SMPL in PyTorch: from meshes to latents, and back."""
+"""PyTorch: alignment, the mesh autoencoder, SMPL, and soft tissue as a layer."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -9,18 +9,27 @@ if TYPE_CHECKING:
     from torch_align_ae.autoencoder.casas_otaduy import CasasOtaduyAutoencoder
     from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
     from torch_align_ae.body import SMPL, load_body_model, unpose
+    from torch_align_ae.tissue import SoftTissue
 
-__all__ = ["SMPL", "CasasOtaduyAutoencoder", "MeshAutoencoder", "load_body_model", "unpose"]
-_AUTOENCODERS = {
+__all__ = [
+    "SMPL",
+    "CasasOtaduyAutoencoder",
+    "MeshAutoencoder",
+    "SoftTissue",
+    "load_body_model",
+    "unpose",
+]
+_OUTSIDE_BODY = {
     "CasasOtaduyAutoencoder": "autoencoder.casas_otaduy",
     "MeshAutoencoder": "autoencoder.mesh_autoencoder",
+    "SoftTissue": "tissue",
 }
 require_packages_of(__name__)
 
 
 def __getattr__(name: str) -> Any:
-    # Lazily, as few stages need the autoencoders.
+    # Lazily, as few stages need what is outside.
     if name in __all__:
-        module = _AUTOENCODERS.get(name, "body")
+        module = _OUTSIDE_BODY.get(name, "body")
         return getattr(import_module(f"torch_align_ae.{module}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

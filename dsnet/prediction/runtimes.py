@@ -1,16 +1,17 @@
-"""What computes a network's latents: ONNX Runtime, or the framework that trained it."""
+"""What computes: ONNX Runtime, the framework that trained a network, or a layer of PyTorch."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.runs import Artifact
+from bridge.tissue.trained_plus import TrainedPlus
 
 Runtime = Literal["onnx", "keras"]
 RUNTIME_NAMES: dict[Runtime, str] = {"onnx": "ONNX Runtime", "keras": "Keras"}
@@ -24,3 +25,8 @@ def keras_latents(train: Artifact, name: str, body: BodyModelData) -> LatentsOf:
     MissingPackageError where Keras is not installed.
     """
     return import_module("tf_dsnet.predictors").load_predictor(train, name, lambda: body)
+
+
+def torch_soft_tissue(trained: TrainedPlus, body: BodyModelData) -> Any:
+    """`torch_align_ae.SoftTissue`; MissingPackageError where PyTorch is not installed."""
+    return import_module("torch_align_ae.tissue").SoftTissue(trained, body)

@@ -106,6 +106,11 @@ class SoftTissue(nn.Module):
         for name, array in buffers.items():
             self.register_buffer(f"_{name}", _tensor(array, dtype), persistent=False)
 
+    @property
+    def v_template(self) -> Tensor:
+        """(V, 3) of the body, metres: in this order vertices are."""
+        return self._shapes.template
+
     def forward(
         self,
         theta: Tensor,
