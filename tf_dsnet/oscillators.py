@@ -12,16 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.paper import FPS
+from bridge.tissue.learning import GAIN_PRIOR, NODE_PRIOR, PEOPLE_PRIOR, QUIET_M, QUIET_SHARE
 from bridge.tissue.oscillators import STEPS, SWEEPS
 from bridge.tissue.shape import SHAPE_FEATURES
 from bridge.tissue.trained_plus import NODE_FIELDS, SAG_POWER, Weights
 from tf_dsnet.framework import Tensor, keras, tf
 
 _STEP_S = 1 / (STEPS * FPS)
-_QUIET_M = 2e-4
-"""Root mean square offset below which a smaller one does not increase a clip's weight."""
-_QUIET_SHARE = 0.3
-"""Weight of the term of the loss in which clips with small offsets count as much as others."""
 Batch = Mapping[str, Tensor]
 """Arguments of the layer, `target` (T, K, B, 3), and `counted` (T, 1, B, 1), 0 for frames that do
 not count."""
@@ -37,11 +34,6 @@ START = {
     "gravity_gain": 1.0,
 }
 """Initial coefficients, of firm tissue."""
-_PRIOR = {
-    "omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "sag": 3e-3, "normal_ratio": 3e-3,
-    "wave_speed": 1e-2, "bending": 1e-2, "inertia_gain": 3e-2, "gravity_gain": 3e-2,
-}  # fmt: skip
-"""Strength of the prior that nodes have equal coefficients."""
 
 
 class OscillatorLayer(keras.layers.Layer):
@@ -149,10 +141,10 @@ class OscillatorLayer(keras.layers.Layer):
 
         Strengths are per node and in units of the loss, where the data outweigh them.
         """
-        terms = [w * tf.reduce_mean(tf.square(self._deviation[n])) for n, w in _PRIOR.items()]
+        terms = [w * tf.reduce_mean(tf.square(self._deviation[n])) for n, w in NODE_PRIOR.items()]
         gains = [self._base[name] for name in ("inertia_gain", "gravity_gain")]
-        terms += [3e-2 * tf.reduce_sum(tf.square(gain)) for gain in gains]
-        terms += [3e-3 * tf.reduce_mean(tf.square(tf.convert_to_tensor(self._residual)))]
+        terms += [GAIN_PRIOR * tf.reduce_sum(tf.square(gain)) for gain in gains]
+        terms += [PEOPLE_PRIOR * tf.reduce_mean(tf.square(tf.convert_to_tensor(self._residual)))]
         return sum(terms)
 
     def weights_as_arrays(self) -> Weights:
@@ -252,6 +244,6 @@ def _loss(offsets: Tensor, target: Tensor, counted: Tensor) -> Tensor:
     """Squared error over energy of all clips, plus a small term with equal weights of clips."""
     error = tf.reduce_mean(counted * tf.square(offsets - target), (0, 1, 3))
     energy = tf.reduce_mean(counted * tf.square(target), (0, 1, 3))
-    quiet = tf.reduce_mean(counted, (0, 1, 3)) * _QUIET_M**2
+    quiet = tf.reduce_mean(counted, (0, 1, 3)) * QUIET_M**2
     overall = tf.reduce_sum(error) / tf.reduce_sum(energy)
-    return overall + _QUIET_SHARE * tf.reduce_mean(error / (energy + quiet))
+    return overall + QUIET_SHARE * tf.reduce_mean(error / (energy + quiet))

@@ -19,6 +19,7 @@ from bridge.exchange.weights import (
     BATCH_NORM_MOMENTUM,
     KERAS_ADAM,
     MASKED_COUNT_EPSILON,
+    AdamRule,
     check_shapes,
     dsnet_shapes,
     dsnet_to_torch,
@@ -118,8 +119,7 @@ class DSNet(nn.Module):
 class KerasAdam(torch.optim.Adam):
     """Adam as in Keras: epsilon is added before the bias correction of the second moment."""
 
-    def __init__(self, parameters: Iterable[nn.Parameter]) -> None:
-        rule = KERAS_ADAM
+    def __init__(self, parameters: Iterable[nn.Parameter], rule: AdamRule = KERAS_ADAM) -> None:
         super().__init__(parameters, rule.learning_rate, (rule.beta_1, rule.beta_2))
         self.epsilon = rule.epsilon
 

@@ -7,22 +7,27 @@ optimizers and SMPL that the product uses.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bridge.body import load_body_model
 from bridge.exchange.engine import NORMALISER, Tensors, batches, joined, prefixed, serve, trained
-from bridge.exchange.weights import TORCH_ADAM, dsnet_from_torch
+from bridge.exchange.weights import KERAS_ADAM, TORCH_ADAM, dsnet_from_torch
+from bridge.tissue.trained_plus import TrainedPlus
 from torch_align_ae.alignment import sgd, stock_sgd
 from torch_align_ae.alignment.mesh_distance import MeshDistance
 from torch_align_ae.autoencoder.codes import Codec, Normaliser
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.body import SMPL, unpose
 from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, sum_of_distances
+from torch_align_ae.tissue import SoftTissue
+from torch_align_ae.tissue.windows import TissueWindows
 
 LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
 Options = dict[str, Any]
@@ -157,6 +162,60 @@ def descent(body: str, mesh: NDArray, steps: int, **start: NDArray) -> Tensors:
     return prefixed("descent", found_by(sgd)) | prefixed("stock descent", found_by(stock_sgd))
 
 
+def oscillators_train(
+    weights: Tensors, steps: list[int], learning_rate: float, **windows: NDArray
+) -> Tensors:
+    """Offsets of windows, loss and gradients of a first pass, and the training steps after it."""
+    # Normalise again: unit vectors that were stored in float32 have eight digits.
+    windows["normals"] /= np.linalg.norm(windows["normals"], axis=-1, keepdims=True)
+    given = {name: _tensor(array) for name, array in windows.items()}
+    model = TissueWindows({n: _tensor(a) for n, a in weights.items()}, given.pop("laplacian"))
+    rule = replace(KERAS_ADAM, learning_rate=learning_rate, beta_2=0.95)
+    adam = KerasAdam(model.parameters(), rule)
+    with torch.no_grad():
+        offsets = _array(model(given))
+
+    def loss() -> tuple[Tensor, Tensor]:
+        shown, prior = model.loss(given)
+        return shown, shown + prior
+
+    return {"layer/offsets": offsets, **_trained(model, adam, loss, dict, steps)}
+
+
+@torch.no_grad()
+def soft_tissue(weights: Tensors, theta: NDArray, betas: NDArray, body: str) -> Tensors:
+    """Offsets (T, B, V, 3) of the skin of B people with poses theta (T, B, 69)."""
+    layer, motion = _soft_tissue(weights, theta, body), _tensor(theta).transpose(0, 1)
+    return {"layer/offsets": _array(layer(motion, _tensor(betas))[0].transpose(0, 1))}
+
+
+def soft_tissue_slopes(
+    weights: Tensors, theta: NDArray, betas: NDArray, probe: NDArray, body: str, **towards: NDArray
+) -> Tensors:
+    """How sum(probe * offsets) grows in each direction `towards/NAME`, by its gradient."""
+    layer = _soft_tissue(weights, theta, body)
+    variables = {"theta": _tensor(theta), "betas": _tensor(betas)}
+    for variable in variables.values():
+        variable.requires_grad_()
+    variables |= {n.replace("log_coefficients.", "log_"): p for n, p in layer.named_parameters()}
+    offsets, _ = layer(variables["theta"].transpose(0, 1), variables["betas"])
+    total = (_tensor(probe) * offsets.transpose(0, 1)).sum()
+    names = [name.removeprefix("towards/") for name in towards]
+    gradients = torch.autograd.grad(total, [variables[name] for name in names])
+    slopes = {
+        name: _array(_tensor(some).flatten(1) @ gradient.flatten())
+        for name, some, gradient in zip(names, towards.values(), gradients, strict=True)
+    }
+    return prefixed("grad", slopes)
+
+
+def _soft_tissue(weights: Tensors, like: NDArray, body: str) -> SoftTissue:
+    layer = SoftTissue(
+        TrainedPlus.from_arrays(weights), load_body_model(body), _tensor(like[:0]).dtype
+    )
+    return layer.to(torch.get_default_device())
+
+
 def _dsnet(weights: Tensors) -> DSNet:
     """DSNet in the precision of the weights."""
     model = DSNet().to(_tensor(weights["lstm/bias"]).dtype)
@@ -204,18 +263,22 @@ def _outputs(
 def _trained(
     model: nn.Module,
     adam: torch.optim.Adam,
-    loss: Callable[[], Tensor],
+    loss: Callable[[], Tensor | tuple[Tensor, Tensor]],
     canonical: Callable[[Tensors], Tensors],
     steps: list[int],
 ) -> Tensors:
-    """Train on one batch; `canonical` gives arrays of the model's state their names in `bridge`."""
+    """Train on one batch; `canonical` gives arrays of the model's state their names in `bridge`.
+
+    `loss` gives what is shown, and, if it is another, what is minimised.
+    """
     learned = {name: p for name, p in model.named_parameters() if p.requires_grad}
 
     def one_pass() -> float:
         adam.zero_grad()
         value = loss()
-        value.backward()
-        return value.item()
+        shown, minimised = value if isinstance(value, tuple) else (value, value)
+        minimised.backward()
+        return shown.item()
 
     def step() -> float:
         value = one_pass()
@@ -264,7 +327,10 @@ def here(engine: str) -> str:
     return ""
 
 
-OPERATIONS = (dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, descent)
+OPERATIONS = (
+    dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, descent, oscillators_train,
+    soft_tissue, soft_tissue_slopes,
+)  # fmt: skip
 
 if __name__ == "__main__":
     serve(*OPERATIONS, packages=("torch",), here=here)

@@ -60,6 +60,17 @@ def random_checks(seed: int, body: str) -> list[Check]:
         *map(_on_gpus_too, small),
         Check("dsnet-graph", "dsnet_graph", ONNX, dsnet, stream, {"body": body, **options}),
         Check("plus-graph", "plus_graph", ONNX, plus, stream, {"body": body}),
+        *_soft_tissue(seed, body, plus),
+    ]
+
+
+def _soft_tissue(seed: int, body: str, plus: Tensors) -> list[Check]:
+    """The layer of PyTorch over whole motions, and its gradients along random directions."""
+    given, options = draws.stream(seed, 8, 2), {"body": body}
+    slopes = given | draws.directions(seed, plus, given)
+    return [
+        Check("soft-tissue", "soft_tissue", {"torch": BOTH}, plus, given, options),
+        Check("soft-tissue-slopes", "soft_tissue_slopes", {"torch": SINGLE}, plus, slopes, options),
     ]
 
 
@@ -192,7 +203,7 @@ def _oscillators(seed: int) -> list[Check]:
     first = Check(
         "oscillators",
         "oscillators_train",
-        {"keras": BOTH},
+        FRAMEWORKS,
         draws.oscillators(seed),
         draws.windows(seed),
         {"learning_rate": 0.06, "steps": ()},
@@ -200,5 +211,5 @@ def _oscillators(seed: int) -> list[Check]:
     options = {**first.options, "steps": (1, 3)}
     return [
         first,
-        replace(first, name="oscillators-training", engines={"keras": DOUBLE}, options=options),
+        replace(first, name="oscillators-training", engines=IN_FLOAT64, options=options),
     ]

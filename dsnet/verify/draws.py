@@ -137,6 +137,20 @@ def tissue(seed: int, body: BodyModelData, nodes: int = 40) -> Arrays:
     }
 
 
+def directions(seed: int, plus: Arrays, given: Arrays, count: int = 2) -> Arrays:
+    """A `probe` of the offsets of motions, and some directions of all that these depend on."""
+    rng = np.random.default_rng([seed, 12])
+    frames, people, _ = given["theta"].shape
+    learned = ("slopes", "stiffening_power", "residual", "taps")
+    names = [*(f"log_{name}" for name in _COEFFICIENTS), *learned]
+    variables = given | {name: plus[name] for name in names}
+    probe = rng.uniform(0, 1, (frames, people, len(plus["nodes/owners"]), 3)).astype(np.float32)
+    return {"probe": probe} | {
+        f"towards/{name}": _normal(rng, (count, *array.shape), 0.03 if name == "theta" else 1.0)
+        for name, array in variables.items()
+    }
+
+
 def oscillators(seed: int, nodes: int = 6, people: int = 2) -> Arrays:
     """Weights of the Keras layer that is trained as `dsnet_plus`, by their Keras names."""
     rng = np.random.default_rng([seed, 10])

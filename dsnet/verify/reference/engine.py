@@ -42,6 +42,8 @@ OPERATIONS = (
     oscillators.oscillators_train,
     dsnet_graph,
     oscillators.plus_graph,
+    oscillators.soft_tissue,
+    oscillators.soft_tissue_slopes,
 )
 
 if __name__ == "__main__":

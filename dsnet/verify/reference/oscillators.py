@@ -13,19 +13,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bridge.body import BodyModelData, load_body_model
+from bridge.body.posing import shaped_vertices
+from bridge.body.surface_operators import vertex_normals
 from bridge.exchange.engine import Tensors, prefixed
 from bridge.exchange.weights import KERAS_ADAM
 from bridge.motion import unpack_theta
 from bridge.paper import FPS
 from bridge.tissue.oscillators import STEPS, SWEEPS
-from bridge.tissue.shape import shape_features, shaped_normals
-from bridge.tissue.trained_plus import TrainedPlus, shares_of_people
+from bridge.tissue.shape import shape_measures
+from bridge.tissue.trained_plus import TrainedPlus, known_person, shares_of_people
 from dsnet.verify.reference import smpl
 from dsnet.verify.reference.dsnet import Pass, train
 from dsnet.verify.reference.layers import Array, Arrays
 
 _NEWTON, _SOLVED = 100, 1e-13
 _GRAVITY_M_S2 = np.array([0.0, -9.81, 0.0])
+_STEP, _STENCIL = 1e-3, {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+"""Of differences; shares of the values at so many steps."""
 _QUIET_M, _QUIET_SHARE = 2e-4, 0.3
 _PRIOR = {
     "omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "sag": 3e-3, "normal_ratio": 3e-3,
@@ -154,10 +158,22 @@ def posed_vertices(model: TrainedPlus, body: BodyModelData, theta: Array, betas:
     rows = np.maximum(np.arange(len(theta)) - model.look_ahead, 0)
     at_nodes, shown = node_offsets(model, body, theta, betas)[rows], theta[rows]
     offsets_m = np.einsum("vk,tvkx->tvx", model.nodes.shares, at_nodes[:, model.nodes.owners])
-    static_m = model.static_m(body, betas, shown)
-    if static_m is not None:
-        offsets_m = offsets_m + static_m
+    offsets_m = offsets_m + _static_m(model, body, shown, betas)
     return smpl.posed_vertices(body, betas[None], *unpack_theta(shown), offsets_m)
+
+
+def _static_m(model: TrainedPlus, body: BodyModelData, theta: Array, betas: Array) -> Array:
+    """(T, V, 3) what the offsets have of the pose alone, and known people for ever."""
+    nodes, static = model.nodes, model.static
+    static_m = np.zeros((len(theta), len(nodes.owners), 3))
+    if static.constant_m.any():
+        static_m += np.tensordot(known_person(betas, model.people_betas), static.constant_m, 1)
+    if static.by_pose_m.any():
+        turned = smpl.rotations(unpack_theta(np.asarray(theta, np.float64))[0])
+        features = (turned[:, 1:] - np.eye(3)).reshape(len(theta), -1)
+        at_nodes = np.tensordot(features, static.by_pose_m.astype(np.float64), 1)
+        static_m += np.einsum("vk,tvkx->tvx", nodes.shares, at_nodes[:, nodes.owners])
+    return static_m
 
 
 def node_offsets(model: TrainedPlus, body: BodyModelData, theta: Array, betas: Array) -> Array:
@@ -178,11 +194,12 @@ def node_offsets(model: TrainedPlus, body: BodyModelData, theta: Array, betas: A
 def coefficients(model: TrainedPlus, body: BodyModelData, betas: Array) -> Coefficients:
     """The coefficients that a `dsnet_plus` gives a shape, betas (10,)."""
     weights = model.weights
-    features = shape_features(body, betas, model.nodes.vertices)
+    nodes, shape = model.nodes.vertices, np.asarray(betas, np.float64)
+    features = np.log(shape_measures(body, shape, nodes) / shape_measures(body, 0 * shape, nodes))
     shares = shares_of_people(betas, model.people_betas)
     log_omega = features @ weights.slopes + np.tensordot(shares, weights.residual, 1)
     logs = {name: np.asarray(log, np.float64) for name, log in weights.base.items()}
-    normals = shaped_normals(body, betas)[model.nodes.vertices]
+    normals = vertex_normals(shaped_vertices(body, shape[None])[0], body.faces)[nodes]
     return Coefficients.of_logarithms(logs, log_omega, weights.stiffening_power, normals)
 
 
@@ -269,6 +286,45 @@ def oscillators_train(w: Arrays, steps: list[int], learning_rate: float, **given
     rule = replace(KERAS_ADAM, learning_rate=learning_rate, beta_2=0.95)
     offsets = prefixed("layer", {"offsets": predict(w, given)})
     return offsets | train(w, lambda now: learn(now, given), rule, steps)
+
+
+def soft_tissue(w: Arrays, theta: Array, betas: Array, body: str) -> Tensors:
+    """Offsets (T, B, V, 3) of the skin of B people with poses theta (T, B, 69)."""
+    return {"layer/offsets": _skin_offsets(w, theta, betas, body)}
+
+
+def soft_tissue_slopes(w: Arrays, theta: Array, betas: Array, body: str, **given: Array) -> Tensors:
+    """How sum(probe * offsets) grows in each direction `towards/NAME` (D, ...) of poses, shapes and
+    weights: differences of fourth order in float64, as not all of it takes complex numbers."""
+    probe = given.pop("probe")
+    slopes = {}
+    for name, directions in given.items():
+        variable = name.removeprefix("towards/")
+
+        def total(step: Array, variable: str = variable) -> float:
+            moved = {"theta": theta, "betas": betas, **w}
+            moved[variable] = moved[variable] + step
+            weights = {key: moved[key] for key in w}
+            offsets = _skin_offsets(weights, moved["theta"], moved["betas"], body)
+            return float((probe * offsets).sum())
+
+        slopes[variable] = np.array(
+            [
+                sum(share * total(_STEP * k * towards) for k, share in _STENCIL.items()) / _STEP
+                for towards in directions
+            ]
+        )
+    return prefixed("grad", slopes)
+
+
+def _skin_offsets(w: Arrays, theta: Array, betas: Array, body: str) -> Array:
+    model, data = TrainedPlus.from_arrays(w), load_body_model(body)
+    people = []
+    for poses, shape in zip(theta.swapaxes(0, 1), betas, strict=True):
+        at_nodes = node_offsets(model, data, poses, shape)
+        offsets_m = np.einsum("vk,tvkx->tvx", model.nodes.shares, at_nodes[:, model.nodes.owners])
+        people.append(offsets_m + _static_m(model, data, poses, shape))
+    return np.stack(people, axis=1)
 
 
 def plus_graph(w: Arrays, theta: Array, betas: Array, body: str) -> Tensors:
