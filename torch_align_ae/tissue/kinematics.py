@@ -122,6 +122,8 @@ class NodesToSkin(nn.Module):
 
     def _some(self, at_nodes: Tensor) -> Tensor:
         """(B, T', blocks, 106, 3)."""
-        rows = at_nodes.flatten(0, 2).T[self.nodes]  # (blocks, near, 3 B T')
+        # As `index_select`, whose gradient is many times faster than that of an index.
+        rows = at_nodes.flatten(0, 2).T.index_select(0, self.nodes.flatten())
+        rows = rows.unflatten(0, self.nodes.shape)  # (blocks, near, 3 B T')
         skin = rows.transpose(1, 2) @ self.shares  # (blocks, 3 B T', 106)
         return skin.unflatten(1, at_nodes.shape[:3]).permute(1, 2, 0, 4, 3)

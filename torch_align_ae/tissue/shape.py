@@ -62,16 +62,18 @@ class NodeShapes(nn.Module):
         """Of betas (B, S): `shape_features` (B, K, 3), and outward normals (B, K, 3)."""
         vertices = self.template + torch.tensordot(betas, self.shapedirs, 1)
         joints = self.joints + torch.tensordot(betas, self.joint_shapes, 1)
-        first, second, third = (vertices[:, corners] for corners in self.faces)
+        first, second, third = (vertices.index_select(1, corners) for corners in self.faces)
         volume = (first * torch.linalg.cross(second, third)).sum((1, 2)) / 6
         heights = vertices[..., 1]
         stature = volume / (heights.amax(1) - heights.amin(1)) ** 3
         of_faces = torch.linalg.cross(second - first, third - first)
         # One more, of no area, is at nodes that have fewer faces than others.
-        adjacent = nn.functional.pad(of_faces, (0, 0, 0, 1))[:, self.around]  # (B, K, D, 3)
+        padded = nn.functional.pad(of_faces, (0, 0, 0, 1))
+        adjacent = padded.index_select(1, self.around.flatten())
+        adjacent = adjacent.unflatten(1, self.around.shape)  # (B, K, D, 3)
         normals = nn.functional.normalize(adjacent.sum(2), dim=-1)
         areas = _lengths(adjacent).sum(2) / 6
-        depths = self._depths(vertices[:, self.nodes], joints)
+        depths = self._depths(vertices.index_select(1, self.nodes), joints)
         measures = torch.stack([depths, areas, stature[:, None].expand_as(areas)], -1)
         return torch.log(measures / self.measures), normals
 
