@@ -1,4 +1,4 @@
-"""docs/paper.md and docs/alignment.md: departures from the paper's words, and readings of them."""
+"""docs/results/departures.md and docs/alignment.md: changes to the paper's pipeline, and readings."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ _HEAD = (
 )
 
 
-def ladder() -> str:
-    """The table of `docs/results/departures.json`, and how it was made."""
+def departures() -> str:
+    """docs/results/departures.md, from `departures.json` beside it."""
     results = load("departures")
     return (
+        "# From the paper's words to this repository\n\nEach row makes one more change to the paper's "
+        "pipeline ([what it is](../paper.md#the-papers-words-alone)) and trains it again.\n\n"
         f"{table(_HEAD, map(_row, results['rows']))}\n"
         "R² is 1 for a perfect code or prediction and 0 for SMPL alone; of predictions it is of "
         f"the posed mesh. Synthetic data, run `{results['run']}`, seed 0 ({results['machine']}). "
