@@ -1,4 +1,4 @@
-"""docs/results/departures.md and docs/alignment.md: changes to the paper's pipeline, and readings."""
+"""docs/results/departures.md, and the readings of the text in docs/alignment.md."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def departures() -> str:
     """docs/results/departures.md, from `departures.json` beside it."""
     results = load("departures")
     return (
-        "# From the paper's words to this repository\n\nEach row makes one more change to the paper's "
-        "pipeline ([what it is](../paper.md#the-papers-words-alone)) and trains it again.\n\n"
+        "# From the paper's words to this repository\n\nEach row makes one more change to the "
+        "paper's pipeline ([what it is](../paper.md#the-papers-words-alone)) and trains again.\n\n"
         f"{table(_HEAD, map(_row, results['rows']))}\n"
         "R² is 1 for a perfect code or prediction and 0 for SMPL alone; of predictions it is of "
         f"the posed mesh. Synthetic data, run `{results['run']}`, seed 0 ({results['machine']}). "

@@ -54,15 +54,16 @@ python -m benchmarks.speed --run demo             # some minutes, 7 GB of memory
 python -m tools.update_pages speed --run demo     # writes this page
 ```
 
-`smplx` and `smplfitter` are compared where they are installed (extra `dev`). On a machine with other
-work, `--clock processor` of `python -m benchmarks.speed.runtime` and `python -m
+`smplx` and `smplfitter` are compared where they are installed (extra `dev`). On a machine with
+other work, `--clock processor` of `python -m benchmarks.speed.runtime` and `python -m
 benchmarks.speed.peers` counts one thread's own time. What a whole run costs stands in its report:
 [`demo`](report.md#how-it-was-made), [`paper`](../paper/report.md#how-it-was-made); what
 [pictures and clips](../pictures.json) cost was measured once.
 """
 _PRECISION = """With `dsnet train-ae --precision bfloat16` (the default where the processor has
-`avx512_bf16`) matrices are multiplied in bfloat16 and added in float32; weights, Adam's moments and
-scores stay float32. `python -m benchmarks.speed.precision` trains in both precisions.
+`avx512_bf16`, but for the literal presets) matrices are multiplied in bfloat16 and added in
+float32; weights, Adam's moments and scores stay float32. `python -m benchmarks.speed.precision`
+trains in both.
 """
 _LIMITS = """A part cannot be faster than the larger of two limits, which are measured in the same
 run. *Moving*: its weights and inputs are read once and its outputs written once, at the rate at
