@@ -1,4 +1,4 @@
-"""docs/results/departures.md, and the readings of the text in docs/alignment.md."""
+"""docs/results/departures.md and alignment/readings.md: changes to the paper, and readings."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _NAMES = {
 
 
 def readings() -> str:
-    """The table of `docs/results/alignment/readings.json`, and how it was made."""
+    """docs/results/alignment/readings.md, from `readings.json` beside it."""
     results = load("alignment/readings")
     rows = (
         (
@@ -64,7 +64,8 @@ def readings() -> str:
         for name, one in results["readings"].items()
     )
     return (
-        f"{table(_READINGS, rows)}\n"
+        "# Readings of the paper's alignment\n\n[What the text leaves open]"
+        f"(../../alignment.md#what-the-text-leaves-open).\n\n{table(_READINGS, rows)}\n"
         f"Synthetic data beside their truth: {results['subjects']} people of "
         f"`{results['profile']}`, clips of about {results['frames']} frames. Made by "
         "`python -m benchmarks.alignment.readings --out docs/results/alignment/readings.json`.\n"
