@@ -26,21 +26,21 @@ Text = Callable[[], str]
 WRITTEN: Mapping[str, Text | Mapping[str, Text]] = {
     "README.md": {"verdict": readme.verdict, "times": readme.times},
     "dsnet/prediction/packaged/MODEL_CARD.md": {"card": readme.card},
-    "docs/alignment.md": {"readings": paper.readings},
-    "docs/claims.md": claims_page,
+    "docs/results/claims.md": claims_page,
     "docs/markers.md": {
         "fitted": markers.fitted,
         "numbers": markers.numbers,
         "recovery": markers.recovery,
     },
     "docs/motion_files.md": {"many": scaling.many_motions},
-    "docs/paper.md": {"departures": paper.ladder},
-    "docs/reliability.md": {"counts": reliability.counts},
     "docs/verification.md": {"outcome": verification.outcome},
+    "docs/results/alignment/readings.md": paper.readings,
     "docs/results/demo/speed.md": speed.page,
+    "docs/results/departures.md": paper.departures,
     "docs/results/motion_kinds.md": {
         "real": lambda: real_table(RESULTS / "real_motions.json") + "\n",
     },
+    "docs/results/reliability/reliability.md": reliability.page,
     "docs/results/scaling/scaling.md": scaling.page,
 }
 """The text of a page, or of its blocks."""

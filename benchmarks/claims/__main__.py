@@ -1,4 +1,4 @@
-"""`python -m benchmarks.claims`: write docs/claims.md from the files in docs/results."""
+"""`python -m benchmarks.claims`: write docs/results/claims.md from the files beside it."""
 
 from __future__ import annotations
 
@@ -6,30 +6,32 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from benchmarks.claims.claims import claims
-from benchmarks.claims.results import ROOT, Results
+from benchmarks.claims.results import RESULTS, Results
 from benchmarks.claims.row import COMMANDS, GAINS, PAPERS_STUDY, STUDY, Claim
 
-PAGE = ROOT / "docs" / "claims.md"
+PAGE = RESULTS / "claims.md"
 _HEAD = """# The paper's claims
 
-Every claim of the [paper](../README.md), what was measured of it, and whether it
-holds: {counts}. Body, motions and flesh are [synthetic](data.md), so a verdict is of the method,
-not of people; it is a rule on the number (`benchmarks/claims/row.py`). ± is the standard
-deviation over training seeds.
+Each claim of the [paper](../../README.md) with what was measured of it and a verdict:
+{counts}. All data are [synthetic](../data.md), so a verdict is of the method, not of real people.
+A verdict is a rule on the number, written in `benchmarks/claims/`. ± is the standard deviation over
+training seeds.
 
-Of the network two grounds are asked, and where they differ the claim counts as in part:
+DSNet was measured in two settings; a claim whose verdicts differ between them counts as *in part*:
 
-- *measured*: the network alone, on data that the paper's aligner has not harmed: R² of offsets
-  against the true ones, learned from principal components of what the robust aligner gives, with
-  rate and epoch chosen alike for all;
-- *on the paper's own ground*: its aligner, its autoencoder's latents, Adam's rate 0.0001, nothing
-  scaled, the last epoch (rivals learn these latents as they do on the other ground); on the
-  held-out jump R² is of the aligned offsets, as the paper has it, elsewhere of the true ones; a
-  dash where nothing was measured. Rows with *standardised* and *faithful* are of the
-  whole pipeline at the paper's size, aligner to decoder ([the two](../README.md#reproduce-it)).
+- *measured*: DSNet alone, on good data: it learns principal components of the robust aligner's
+  offsets, with learning rate and epoch chosen on the validation clip, as for every network that
+  it is compared with. R² is of the offsets, against the true ones;
+- *on the paper's own ground*: the paper's aligner and autoencoder latents, Adam at 0.0001, nothing
+  standardised, the last epoch. On the held-out jump R² is against the aligned offsets, as in the
+  paper, elsewhere against the true ones. Rows with *standardised* and *faithful*
+  ([what they are](../paper.md#the-papers-words-alone)) are of the whole pipeline at the paper's
+  size.
+
+A dash: not measured.
 """
 _TAIL = """
-Written by `python -m benchmarks.claims` from `docs/results/`, never by hand.
+Written by `python -m benchmarks.claims` from the files beside it.
 """
 
 

@@ -66,7 +66,7 @@ def of_people(results: Results) -> Iterator[Claim]:
         f"has R² {' and '.join(_of_her_bust(results))} of the bust; the paper's network was not "
         "held against them",
         LICENSED,
-        ("markers.md",),
+        ("../markers.md",),
     )
 
 

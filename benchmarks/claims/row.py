@@ -14,16 +14,16 @@ HOLDS: Verdict = "holds"
 PART: Verdict = "in part"
 FAILS: Verdict = "does not hold here"
 LICENSED: Verdict = "needs the licensed data"
-DEMO, PAPER_RUN = "results/demo/report.md", "results/paper/report.md"
+DEMO, PAPER_RUN = "demo/report.md", "paper/report.md"
 COMPARISON, SUBSPACES, SPEED = (
-    "results/comparison.md",
-    "results/subspaces/subspaces.md",
-    "results/demo/speed.md",
+    "comparison.md",
+    "subspaces/subspaces.md",
+    "demo/speed.md",
 )
-GPU = "results/gpu/torch.json"
-STUDY, GAINS = "results/claims/align_robust-0.json", "results/claims/alignment.json"
-PAPERS_STUDY = "results/claims/paper-0.json"
-BATCH_NORM, SECONDS = "results/claims/batch_norm.json", "results/claims/seconds.json"
+GPU = "gpu/torch.json"
+STUDY, GAINS = "claims/align_robust-0.json", "claims/alignment.json"
+PAPERS_STUDY = "claims/paper-0.json"
+BATCH_NORM, SECONDS = "claims/batch_norm.json", "claims/seconds.json"
 COMMANDS = {
     DEMO: ("demo", "./reproduce.sh"),
     PAPER_RUN: ("paper", "./reproduce.sh --profile paper"),
@@ -39,9 +39,9 @@ COMMANDS = {
     SUBSPACES: ("subspaces", "python -m benchmarks.subspaces --out DIR"),
     SPEED: ("speed", "python -m benchmarks.speed --run demo"),
     GPU: ("the same on a GPU", "python -m benchmarks.speed.autoencoder"),
-    "markers.md": ("markers", "dsnet evaluate --markers FILE --out DIR"),
+    "../markers.md": ("markers", "dsnet evaluate --markers FILE --out DIR"),
 }
-"""What each page or file of results is called in the table, and what makes it."""
+"""What each page or file beside `claims.md` is called in the table, and what makes it."""
 DSNET = "dsnet_pca"
 """The network whose layers and changes are studied."""
 

@@ -40,7 +40,7 @@ The same step in u has no digits to lose where nothing moves: with q = |v|_P^2 -
 gives no offset at all.
 
 A step swings a node by 2 atan(w dt / 2) instead of w dt: too slowly, and the more so the stiffer an
-impact makes it. A frame is two steps: on violent motion one is not enough (docs/prediction.md).
+impact makes it. A frame is two steps: on violent motion one is not enough.
 
 The matrix on v+ is B + dt^2 C / 4, B each node's own block. With N the sums of dt^2 |C| / 4 over
 rows, B + N bounds it from above, and sweeps of Jacobi's kind

@@ -96,7 +96,7 @@ def test_a_runs_networks_open_in_keras_alone(smoke_runs, execute, tmp_path):
         atol = 1e-6 * np.abs(expected).max()
         np.testing.assert_allclose(np.load(files[2]), expected, atol=atol)
     (tmp_path / "dsnet_faithful.keras").rename(tmp_path / "dsnet.keras")
-    (block,) = [one for one in python_blocks("docs/export.md") if "load_model" in one]
+    (block,) = [one for one in python_blocks("docs/deployment.md") if "load_model" in one]
     code = f"import os\nos.chdir({str(tmp_path)!r})\n{block}\nassert latents.shape == (1, 240, 100)"
     done = execute([sys.executable, "-I", "-c", code], smoke_runs)
     assert done.returncode == 0, done.stderr

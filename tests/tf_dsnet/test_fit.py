@@ -142,7 +142,7 @@ def test_the_fast_layer_stays_near_to_kerass(clips, trained):
 
 
 def test_the_pages_lines_train_a_run(encoded_run, tmp_path, monkeypatch):
-    (block,) = [one for one in python_blocks("docs/export.md") if "compile" in one]
+    (block,) = [one for one in python_blocks("docs/deployment.md") if "compile" in one]
     monkeypatch.chdir(tmp_path)
     lines = block.replace('"demo"', f'"{encoded_run.name}"').replace("epochs=500", "epochs=2")
     exec(lines, {})

@@ -1,4 +1,4 @@
-"""docs/paper.md and docs/alignment.md: departures from the paper's words, and readings of them."""
+"""docs/results/departures.md and alignment/readings.md: changes to the paper, and readings."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ _HEAD = (
 )
 
 
-def ladder() -> str:
-    """The table of `docs/results/departures.json`, and how it was made."""
+def departures() -> str:
+    """docs/results/departures.md, from `departures.json` beside it."""
     results = load("departures")
     return (
+        "# From the paper's words to this repository\n\nEach row makes one more change to the "
+        "paper's pipeline ([what it is](../paper.md#the-papers-words-alone)) and trains again.\n\n"
         f"{table(_HEAD, map(_row, results['rows']))}\n"
         "R² is 1 for a perfect code or prediction and 0 for SMPL alone; of predictions it is of "
         f"the posed mesh. Synthetic data, run `{results['run']}`, seed 0 ({results['machine']}). "
@@ -48,7 +50,7 @@ _NAMES = {
 
 
 def readings() -> str:
-    """The table of `docs/results/alignment/readings.json`, and how it was made."""
+    """docs/results/alignment/readings.md, from `readings.json` beside it."""
     results = load("alignment/readings")
     rows = (
         (
@@ -62,7 +64,8 @@ def readings() -> str:
         for name, one in results["readings"].items()
     )
     return (
-        f"{table(_READINGS, rows)}\n"
+        "# Readings of the paper's alignment\n\n[What the text leaves open]"
+        f"(../../alignment.md#what-the-text-leaves-open).\n\n{table(_READINGS, rows)}\n"
         f"Synthetic data beside their truth: {results['subjects']} people of "
         f"`{results['profile']}`, clips of about {results['frames']} frames. Made by "
         "`python -m benchmarks.alignment.readings --out docs/results/alignment/readings.json`.\n"

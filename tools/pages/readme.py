@@ -73,7 +73,7 @@ def verdict() -> str:
     found = bust()
     return (
         f"- **Claims**: {counted(claims(Results()))} "
-        "([each with its number and command](docs/claims.md)).\n"
+        "([each with its number and command](docs/results/claims.md)).\n"
         f"- **The paper's words alone**, in `demo`: R² {_literal(demo)} on a held-out jump "
         "([both readings](docs/paper.md#the-papers-words-alone)).\n"
         f"- **DSNet** reduces SMPL's error on that jump {_reduced(paper, 'validation')}, in "

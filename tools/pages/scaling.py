@@ -112,8 +112,7 @@ def many_motions() -> str:
         f"{whole['core_hours']:.1f} hours of one core, {whole['hours_by_cores']['16']:.2f} on "
         f"sixteen,\nand {whole['bytes'] / 1e9:.0f} GB, {half['bytes'] / 1e9:.0f} as `offsets16`, "
         f"which takes {half['core_hours']:.1f} hours of one core "
-        "([measured](results/scaling/many_motions.json) on short folders by\n"
-        "`benchmarks.many_motions` of commit `b9aa1159`, no longer in the tree, and multiplied). "
-        "More cores, here or in a cluster, are\nfaster as long as disks take "
+        "([measured](results/scaling/many_motions.json) on short folders\nand multiplied). More "
+        "cores, here or in a cluster, are faster as long as disks take "
         f"{whole['bytes_a_second_and_core'] / 1e6:.0f} MB a second for each core.\n"
     )

@@ -45,6 +45,37 @@ CODES = {
     "mesh_literal": "the same, preset `literal`",
     "casas_otaduy": "Casas-Otaduy's network",
 }
+_HEAD = """# Speed
+
+How long training, prediction and posing take. Measure your machine:
+
+```
+python -m benchmarks.speed --run demo             # some minutes, 7 GB of memory
+python -m tools.update_pages speed --run demo     # writes this page
+```
+
+`smplx` and `smplfitter` are compared where they are installed (extra `dev`). On a machine with
+other work, `--clock processor` of `python -m benchmarks.speed.runtime` and `python -m
+benchmarks.speed.peers` counts one thread's own time. What a whole run costs stands in its report:
+[`demo`](report.md#how-it-was-made), [`paper`](../paper/report.md#how-it-was-made); what
+[pictures and clips](../pictures.json) cost was measured once.
+"""
+_PRECISION = """With `dsnet train-ae --precision bfloat16` (the default where the processor has
+`avx512_bf16`, but for the literal presets) matrices are multiplied in bfloat16 and added in
+float32; weights, Adam's moments and scores stay float32. `python -m benchmarks.speed.precision`
+trains in both.
+"""
+_LIMITS = """A part cannot be faster than the larger of two limits, which are measured in the same
+run. *Moving*: its weights and inputs are read once and its outputs written once, at the rate at
+which a large array is read. *Products*: its matrix products run at the rate of a large square one.
+`dsnet_plus` moves many times what it must, because ONNX Runtime makes a pass over the arrays for
+each of its many small operations; the paper's decoder is hardly more than matrix products.
+"""
+_BESIDE = """The same bodies and poses, float32, all cores, warm, without gradients, in turns in one
+process; all must give the same vertices first. The paper's autoencoder has far fewer parameters
+than Casas-Otaduy's but about as much arithmetic, since its weights are applied to nine features of
+every vertex: it saves memory and the optimiser's work.
+"""
 Cells = Mapping[str, Any]
 
 
@@ -60,12 +91,11 @@ def page() -> str:
     files = sorted((RESULTS / "demo" / "bench").glob("*.json"))
     bench = {path.stem: load(f"demo/bench/{path.stem}") for path in files}
     return (
-        "# Speed: measured\n\nWritten by `python -m benchmarks.speed` and `python -m "
-        "tools.update_pages`; [what it means](../../performance.md).\n\n"
+        f"{_HEAD}\n"
         f"## Training, and DSNet alone\n\n{_training(bench['torch'], bench['tensorflow'])}\n"
-        f"{_precision(bench.get('precision'))}\n"
-        f"## From a pose to the posed skin\n\n{_runtime(bench['runtime'])}\n"
-        f"## Beside others\n\n{_peers(bench.get('peers'))}"
+        f"{_PRECISION}\n{_precision(bench.get('precision'))}\n"
+        f"## From a pose to the posed skin\n\n{_LIMITS}\n{_runtime(bench['runtime'])}\n"
+        f"## Beside others\n\n{_BESIDE}\n{_peers(bench.get('peers'))}"
     )
 
 

@@ -95,7 +95,7 @@ def off_mm(motion: Motion, markers: Markers, betas: np.ndarray) -> float:
 
 @pytest.mark.skipif(not SAMPLE.exists(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
 def test_real_markers_lie_nearer_to_the_fitted_skin(capsys: pytest.CaptureFixture[str]) -> None:
-    """Medians in docs/animation.md: 31 mm with the file's betas, 36 with the mean shape, 27."""
+    """Medians: 31 mm with the file's betas, 36 with the mean shape, 27."""
     motion = load_motion(SAMPLE, 60.0)
     markers = markers_of(motion)
     fitted = with_betas_on(motion, BODY)
