@@ -27,6 +27,7 @@ SAYS = {
     "09_onnx_runtime_only.py": "",
     "10_write_a_dataset.py": "walk_cycle/walk_cycle_poses: (",
     "11_your_own_body.py": "smpl of 6890 vertices, male",
+    "13_pytorch_layer.py": "(2, 90, 6890, 3)",
 }
 APART = ("05", "07", "08", "09")
 """Which take longer, or need what another test makes."""
