@@ -102,6 +102,12 @@ class Flesh(Sequence[FleshClip]):
     def _read(self, path: Path) -> FleshClip:
         made = read_artifact(path, KIND)
         manifest = made.manifest
+        if "theta" not in manifest["arrays"]:
+            raise DsnetError(
+                f"{path}, without the motion of its offsets",
+                "theta, which comes with those of a folder of motions and with nodes",
+                "Pass a folder to `dsnet predict`, or --write nodes16.",
+            )
         return FleshClip(
             name=path.relative_to(self._folder).as_posix(),
             offsets_m=self._offsets_m(made),
@@ -126,7 +132,7 @@ class Flesh(Sequence[FleshClip]):
 
 
 def load_flesh(folder: Path | str, body: BodyModelData | Path | str | None = None) -> Flesh:
-    """The offsets of every motion that `dsnet predict` wrote below a folder, or to it.
+    """The offsets of every motion of a folder that `dsnet predict` wrote.
 
     Only manifests are read; arrays are memory-mapped when a clip is taken, after their bytes were
     found to be those that were written.
@@ -146,7 +152,8 @@ def load_flesh(folder: Path | str, body: BodyModelData | Path | str | None = Non
     ------
     DsnetError
         If the folder holds no predicted offsets or some without their order of vertices, or the
-        body has its vertices in another order.
+        body has its vertices in another order; and where a clip is taken that is damaged, or has no
+        motion beside it, as a single file's has only with nodes.
     """
     folder = Path(folder)
     moved = body if isinstance(body, BodyModelData | None) else load_body_model(body)

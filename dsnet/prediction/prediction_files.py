@@ -33,7 +33,7 @@ from dsnet.prediction.runtimes import Runtime
 
 OFFSETS = ("offsets", "offsets16", "nodes16")
 """Offsets (T, V, 3) as float32 or float16, or those of the nodes, float16, of which they are made.
-With any of them comes `theta` (T, 69), the motion that they belong to."""
+With those of a folder, and with nodes, comes `theta` (T, 69), the motion that they belong to."""
 WRITABLE = (*OFFSETS, "vertices", "latents", "strip")
 OF_ONE, OF_MANY = ("offsets", "vertices", "latents", "strip"), ("offsets",)
 """What is written of one motion, and of each of a folder's, by default."""
@@ -126,7 +126,7 @@ def fill_prediction(
         dtype = np.float16 if word == "offsets16" else np.float32
         name = word.removesuffix("16")
         made[name] = writer.array_file(name, shape, dtype, "m"), attrgetter(f"{name}_m")
-    if {*OFFSETS} & {*write}:
+    if "nodes16" in write or (shared and {*OFFSETS} & {*write}):
         writer.put("theta", motion.theta.astype(np.float32), "rad, last three m")
     for moved in frames:
         # In float64, in which no finite offset is too large to be squared.

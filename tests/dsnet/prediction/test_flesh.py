@@ -133,10 +133,13 @@ def test_motions_without_smpls_vertices_need_no_body(tmp_path, capsys):
 def test_one_file_moves_as_ever_and_is_told(ten, tmp_path, capsys):
     path = next(ten.rglob("*.npz"))
     for options, told in ((), True), (("--body", "embedded"), False):
-        predict(path, tmp_path / "one", "--write", "offsets", *options)
+        predict(path, tmp_path / "one", "--write", "nodes16", *options)
         assert ("in another order than SMPL's" in capsys.readouterr().err) == told
     (clip,) = dsnet.load_flesh(tmp_path / "one")
-    assert clip.name == "."
+    assert clip.offsets_m.shape == (len(clip), 6890, 3)
+    predict(path, tmp_path / "one", "--write", "offsets")
+    with pytest.raises(DsnetError, match="without the motion"):
+        dsnet.load_flesh(tmp_path / "one")[0]
 
 
 def test_another_order_is_refused(made, body_file):
