@@ -73,7 +73,8 @@ def _children_s() -> float:
 
 
 def read_speed(out: Path) -> float:
-    """Frames a second of processor time, float32, in windows anywhere."""
+    """Frames a second of processor time, as float32, in windows anywhere; what is float32 is
+    memory-mapped, and nothing is read of it before it is used."""
     clips, rng = [*dsnet.load_flesh(out)], np.random.default_rng(0)
     began = time.process_time()
     for _ in range(_WINDOWS):

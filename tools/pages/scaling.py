@@ -105,13 +105,14 @@ def many_motions() -> str:
     """What a folder of motions takes in each form, for docs/motion_files.md."""
     found = load("scaling/folders")
     whole, long = found["forms"]["offsets"], found["long"]
+    minutes = long["frames"] // 3600
     rows = [
         [
             f"`{form}`",
             f"{one['bytes_a_frame'] / 1e3:.1f}",
             f"{one['bytes_a_frame'] * found['amass_frames'] / 1e9:,.0f}",
             f"{one['frames_per_cpu_s']:,.0f}",
-            f"{one['read_frames_per_cpu_s']:,.0f}",
+            "mapped" if one is whole else f"{one['read_frames_per_cpu_s']:,.0f}",
             "0" if one is whole else f"{one['most_um']:.0f} ({100 * one['rms_share']:.2f} %)",
         ]
         for form, one in found["forms"].items()
@@ -124,9 +125,9 @@ def many_motions() -> str:
         )
         + f"\nLargest offset {whole['largest_offset_mm']:.0f} mm; shares are of root mean squares."
         " Frames a second of one core's time, the start of the\ncommand included. "
-        f"{long['frames'] / 3600:.0f} minutes of motion, {long['frames']:,} frames, took `nodes16` "
+        f"{minutes} minutes of motion, {long['frames']:,} frames, took `nodes16` "
         f"{long['cpu_s'] / 60:.1f} minutes of one core ({long['frames_per_cpu_s']:,.0f} frames/s) "
         f"and\n{long['bytes'] / 1e6:,.0f} MB. {found['machine']}; "
-        "[measured](results/scaling/folders.json) by `python -m benchmarks.flesh_folders` while "
-        "others used\nthe machine: times are upper bounds.\n"
+        "[measured](results/scaling/folders.json) by `python -m benchmarks.flesh_folders --minutes "
+        f"{minutes}` while\nothers used the machine: times are upper bounds.\n"
     )
