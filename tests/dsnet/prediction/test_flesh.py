@@ -122,6 +122,16 @@ def test_the_embedded_body_is_meant(ten, made, capsys):
     assert {clip.vertices for clip in flesh} == {vertex_order(HOME)}
 
 
+def test_a_loaded_models_body_is_asked_for_or_ones_own(ten, soft, body_file, tmp_path):
+    """Who loaded it on a licensed body has said so; else the run's embedded one is meant."""
+    with pytest.raises(DsnetError, match="--body embedded"):
+        dsnet.predict(ten / "S0", tmp_path / "run", soft)
+    dsnet.predict(ten / "S0", tmp_path / "run", soft, body="embedded")
+    dsnet.predict(ten / "S0", tmp_path / "mine", dsnet.load_model(body=body_file))
+    for name, body in (("run", HOME), ("mine", load_body_model(body_file))):
+        assert len(dsnet.load_flesh(tmp_path / name, body)) == 4
+
+
 def test_motions_without_smpls_vertices_need_no_body(tmp_path, capsys):
     bvh = tmp_path / "in" / "walk.bvh"
     bvh.parent.mkdir()
