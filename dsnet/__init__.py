@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from dsnet.exporters.export import export
     from dsnet.prediction.animate import animate, predict
     from dsnet.prediction.controls import Controls
+    from dsnet.prediction.flesh import load_flesh
     from dsnet.prediction.load_model import load_model
     from dsnet.prediction.soft_tissue import soft_tissue
     from dsnet.stream.streams import Stream
@@ -34,6 +35,7 @@ __all__ = [
     "animate",
     "export",
     "load_body",
+    "load_flesh",
     "load_model",
     "load_motion",
     "pose_vertices",
@@ -46,6 +48,7 @@ _LOADED_LATE = {
     "animate": "dsnet.prediction.animate.animate",
     "export": "dsnet.exporters.export.export",
     "load_body": "bridge.body.load_body_model",
+    "load_flesh": "dsnet.prediction.flesh.load_flesh",
     "load_model": "dsnet.prediction.load_model.load_model",
     "load_motion": "bridge.motion.resampling.load_motion",
     "pose_vertices": "bridge.body.pose_vertices",

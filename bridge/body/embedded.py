@@ -45,15 +45,18 @@ from bridge.errors import DsnetError
 from bridge.paper import N_BETAS, N_VERTICES
 from bridge.runs.untrusted import UntrustedNpz, open_npz
 
-EMBEDDED_PREFIX = "embedded:"
+EMBEDDED = "embedded"
+"""The body model of whichever gender is meant."""
+EMBEDDED_PREFIX = EMBEDDED + ":"
 EMBEDDED_GENDERS = ("female", "male")
 
 
 def load_body_model(
     name_or_path: str | Path, gender: str | None = None, kind: str | None = None
 ) -> BodyModelData:
-    """Load `embedded:female`, `embedded:male`, a model file of SMPL, SMPL-H or SMPL-X, or the file
-    of a folder that fits a motion's `gender` and `kind` (`smpl`, `smplh`, `smplx`).
+    """Load `embedded:female`, `embedded:male`, `embedded` of a motion's `gender`, a model file of
+    SMPL, SMPL-H or SMPL-X, or the file of a folder that fits `gender` and `kind` (`smpl`, `smplh`,
+    `smplx`).
 
     `notes` of the result say which file was taken, and what else is unusual about it.
 
@@ -64,6 +67,8 @@ def load_body_model(
         missing, damaged, unsafe, another model's, or no person in metres.
     """
     name = str(name_or_path)
+    if name == EMBEDDED:
+        name = EMBEDDED_PREFIX + embedded_gender(gender or "")[0]
     if not name.startswith(EMBEDDED_PREFIX):
         is_folder = False
         with suppress(OSError):  # a name that none can have

@@ -67,7 +67,9 @@ class TissueNodes:
         bending = laplacian @ sp.diags(1 / areas_m2) @ laplacian
         owners, shares = _largest(_between(bending, nodes), _NODES_PER_VERTEX)
         stretched = _largest(_between(laplacian, nodes), _NEIGHBOURS_PER_VERTEX)
-        edges, pulls_m2 = _node_laplacian(_as_matrix(*stretched, len(nodes)), laplacian, areas_m2)
+        edges, pulls_m2 = _node_laplacian(
+            shares_matrix(*stretched, len(nodes)), laplacian, areas_m2
+        )
         owners, shares, areas_m2 = (
             _among(body.vertex_count, skin, of_skin)
             for of_skin in (owners, shares, areas_m2.astype(np.float32))
@@ -94,7 +96,7 @@ class TissueNodes:
 
     @cached_property
     def _spread(self) -> sp.csr_matrix:
-        return _as_matrix(self.owners, self.shares, len(self))
+        return shares_matrix(self.owners, self.shares, len(self))
 
     @cached_property
     def _weighted(self) -> sp.csr_matrix:
@@ -109,7 +111,7 @@ class TissueNodes:
 
     def spread(self, at_nodes: NDArray) -> NDArray[np.float32]:
         """Offsets (T, K, 3) of the nodes to those of all vertices (T, V, 3)."""
-        return _per_frame(self._spread, np.asarray(at_nodes, np.float32))
+        return per_frame(self._spread, np.asarray(at_nodes, np.float32))
 
     def blocks(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """`spread` as products of small dense matrices: nodes (blocks, N) of blocks of consecutive
@@ -132,7 +134,7 @@ class TissueNodes:
 
     def gather(self, offsets_m: NDArray) -> NDArray[np.float32]:
         """(T, K, 3) whose spread comes closest to offsets (T, V, 3): least squares over area."""
-        right = _per_frame(self._weighted, np.asarray(offsets_m, np.float32))
+        right = per_frame(self._weighted, np.asarray(offsets_m, np.float32))
         count = len(right)
         flat = right.transpose(1, 0, 2).reshape(len(self), -1).astype(np.float64)
         solved = (self._inverse @ flat).reshape(len(self), count, 3)
@@ -146,7 +148,7 @@ def _among(count: int, rows: NDArray, values: NDArray) -> NDArray:
     return whole
 
 
-def _per_frame(matrix: sp.csr_matrix, values: NDArray[np.float32]) -> NDArray[np.float32]:
+def per_frame(matrix: sp.csr_matrix, values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Apply (M, N) to every frame of (T, N, 3)."""
     count, rows, axes = values.shape
     flat = np.ascontiguousarray(values.transpose(1, 0, 2)).reshape(rows, count * axes)
@@ -186,7 +188,8 @@ def _largest(shares: NDArray, count: int) -> tuple[NDArray[np.int32], NDArray[np
     return owners.astype(np.int32), (kept / kept.sum(1, keepdims=True)).astype(np.float32)
 
 
-def _as_matrix(owners: NDArray, shares: NDArray, count: int) -> sp.csr_matrix:
+def shares_matrix(owners: NDArray, shares: NDArray, count: int) -> sp.csr_matrix:
+    """(V, count) of the shares (V, 8) that owners (V, 8) have of vertices."""
     rows = np.repeat(np.arange(len(owners)), owners.shape[1])
     return sp.csr_matrix((shares.ravel(), (rows, owners.ravel())), shape=(len(owners), count))
 

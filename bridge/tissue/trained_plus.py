@@ -163,6 +163,14 @@ class TrainedPlus:
             **{f"elsewhere/{name}": array for name, array in elsewhere.items()},
         }
 
+    def constant_m(self, betas: NDArray) -> NDArray[np.float32] | None:
+        """(V, 3) what a known person (10,), or (T, V, 3) each of T bodies, has in every pose; None
+        where nobody has anything."""
+        constant_m = self.static.constant_m
+        if not constant_m.any():
+            return None
+        return np.tensordot(known_person(betas, self.people_betas), constant_m, 1)
+
     def static_m(
         self, body: BodyModelData, betas: NDArray, theta: NDArray
     ) -> NDArray[np.float32] | None:
@@ -173,8 +181,8 @@ class TrainedPlus:
         if not static:
             return None
         static_m = np.zeros((len(theta), len(self.nodes.owners), 3), np.float32)
-        if static.constant_m.any():
-            static_m += np.tensordot(known_person(betas, self.people_betas), static.constant_m, 1)
+        if (constant_m := self.constant_m(betas)) is not None:
+            static_m += constant_m
         if static.by_pose_m.any():
             # Other bodies have hands of more joints, which theta has not.
             features = static_features(body, theta)[:, : len(static.by_pose_m)]

@@ -20,6 +20,7 @@ from numpy.lib import format as npy
 
 from bridge.body.model_data import HAND_COUNT, Kind
 from bridge.body.posing import full_pose, shaped_joints
+from bridge.body.vertex_order import VERTICES, vertex_order
 from bridge.motion.motion import amass_poses
 from bridge.paper import N_JOINTS
 from dsnet.exporters.output import export_facts
@@ -38,7 +39,8 @@ def write(path: Path, moving: MovingBody, joints: int | None = None) -> None:
     (T, V, 3). `joints` are SMPL-X's if body or motion are SMPL-X, else SMPL-H's.
 
     Other keys are `betas` (10,), `gender`, `mocap_framerate`, `root_joint` (3,), the rest position
-    about which the root turns, and facts of the export as texts.
+    about which the root turns, `vertices`, the digest of their order, and facts of the export as
+    texts.
     """
     joints = joints or _joints(moving)
     shape = (len(moving), moving.body.vertex_count, 3)
@@ -116,5 +118,6 @@ def _parameters(moving: MovingBody, joints: int) -> dict[str, Any]:
         "length_unit": "m",
         "angle_unit": "rad",
         **{key: facts[key] for key in _TEXTS},
+        VERTICES: vertex_order(moving.body),
         "controls": json.dumps(moving.controls),
     }

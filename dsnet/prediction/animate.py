@@ -66,7 +66,8 @@ def predict(
     out : folder to write: of one motion `offsets.npy`, `vertices.npy` (T, V, 3), metres,
         `strip.png` and `manifest.json`; of a folder the same tree, with the offsets alone.
     model, predictor, controls : as for `animate`.
-    write : which of offsets, offsets16 (float16), vertices, latents, strip; the above when empty.
+    write : which of offsets, offsets16 (float16) or nodes16 (of nodes), vertices, latents, strip;
+        the above when empty. `load_flesh` reads all three forms of offsets.
 
     Returns
     -------

@@ -26,11 +26,11 @@ from bridge.motion.skeletons import read_joint_map
 from bridge.options import Bounds, check_options, numbers_by_name
 from bridge.paper import FPS, N_BETAS
 from dsnet.markers.bone_pose import bone_pose_of
-from dsnet.prediction.load_model import Source, TrainedModel, load_model, requested_body
+from dsnet.prediction.load_model import Source, TrainedModel, is_on, load_model, requested_body
 from dsnet.prediction.loops import REMEDY, Loop, close_loop
 from dsnet.prediction.motion_options import MotionOptions
 from dsnet.prediction.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
-from dsnet.prediction.shape_space import with_betas_on
+from dsnet.prediction.shape_space import UseOfBetas, use_of_betas, with_betas_on
 from dsnet.prediction.shapes import find_shape, parse_shape
 
 Floor = Literal["keep", "shift", "scale"]
@@ -146,7 +146,7 @@ class Controls(MotionOptions):
 
     def check_model(self, trained: TrainedModel) -> None:
         """Refuse a predictor on another body than requested."""
-        if self.body is not None and str(self.body) != trained.body_model:
+        if self.body is not None and not is_on(trained.body_model, self.body):
             raise DsnetError(
                 f"body={str(self.body)!r} with {trained.name} on {trained.body_model}",
                 "a predictor on that body",
@@ -173,6 +173,11 @@ class Controls(MotionOptions):
         if not self.shape:
             return None
         return find_shape(body, self._words())
+
+    def use_of_betas(self, motion: Motion, body: BodyModelData) -> UseOfBetas:
+        """What becomes of the betas of a motion as its file has it."""
+        found, asked = use_of_betas(motion, body), self.betas is not None or self.shape
+        return "not used" if asked and found == "used" else found
 
 
 def _words_of(name: str, given: Any) -> tuple[str, ...]:

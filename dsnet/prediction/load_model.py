@@ -18,7 +18,12 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX, embedded_gender
+from bridge.body.embedded import (
+    EMBEDDED,
+    EMBEDDED_GENDERS,
+    EMBEDDED_PREFIX,
+    embedded_gender,
+)
 from bridge.errors import DsnetError, did_you_mean, notify, unknown_name
 from bridge.exchange.dsnet import load_trained_dsnet
 from bridge.paper import N_BETAS
@@ -166,7 +171,8 @@ class TrainedModel:
     def on(self, body: BodyModelData, body_model: str) -> TrainedModel:
         """The same, to move another body."""
         if body_model == self.trained_on:
-            return self
+            own = self.other_body is None
+            return self if own else replace(self, body_model=body_model, other_body=None)
         why = f"{self.why}, on {body.name}"
         return replace(self, body_model=body_model, other_body=body, why=why)
 
@@ -196,6 +202,12 @@ Source: TypeAlias = TrainedModel | Run | os.PathLike[str] | str | None
 folder which `TrainedModel.save` wrote, or one that is loaded."""
 
 
+def is_on(body_model: str, asked: Path | str) -> bool:
+    """Whether a body model is what `--body` asked for."""
+    is_embedded = body_model.startswith(EMBEDDED_PREFIX)
+    return body_model == str(asked) or (is_embedded and str(asked) == EMBEDDED)
+
+
 def name_of(source: Source) -> str | None:
     """What a manifest says of where a model was from; None for the package's choice."""
     if isinstance(source, TrainedModel):
@@ -223,7 +235,8 @@ def load_model(
     predictor : which of the run's; the run's best when None.
     gender : of the packaged model, where `source` does not say; `female` where it is neither.
     body : another body than it was trained on: an SMPL, SMPL-H or SMPL-X model file, or a folder of
-        them, from which one of the gender and `kind` is taken (`bridge.motion.Motion`).
+        them, from which one of the gender and `kind` is taken (`bridge.motion.Motion`); or
+        `embedded`: the embedded one that it was trained on, else that of the gender.
     more_betas : shape coefficients after the tenth that the body shall take, if it has them.
     runtime : what predicts the latents of whole motions; streams and exports are ONNX Runtime's.
 
@@ -232,6 +245,10 @@ def load_model(
     DsnetError
         If there is no such predictor, what it is made of is no chain, or a file is damaged.
     """
+    if body is not None and os.fspath(body) == EMBEDDED:
+        own = find_model(source, predictor, gender).trained_on
+        is_own = own.startswith(EMBEDDED_PREFIX)
+        body = own if is_own else EMBEDDED_PREFIX + embedded_gender(gender)[0]
     moved = None if body is None else load_body_model(os.fspath(body), gender, kind)
     if moved is not None:
         genders = (one for one in (moved.gender, gender) if one in EMBEDDED_GENDERS)

@@ -16,7 +16,7 @@ class MotionOptions:
 
     body: Path | None = None
     """Body model in place of the predictor's own, which only `dsnet_plus` can move: an SMPL, SMPL-H
-    or SMPL-X file, a folder of them, or `embedded:male`. DSNET_BODY sets it for every command."""
+    or SMPL-X file, a folder of them, or `embedded`. DSNET_BODY sets it for every command."""
     gender: Literal["female", "male", "neutral"] | None = None
     """Gender of the body, where the motion file has none or a wrong one."""
     pose: Literal["file", "bony"] = "file"

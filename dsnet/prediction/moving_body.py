@@ -48,6 +48,8 @@ class MovedFrames:
     """Which of the motion's."""
     offsets_m: NDArray[np.float32]
     """(T', V, 3) in the rest pose, metres."""
+    predicted_m: NDArray[np.float32]
+    """The same before any gain."""
     posed: Callable[[MovedFrames], NDArray[np.float32]]
 
     def __len__(self) -> int:
@@ -86,8 +88,10 @@ class MovingBody:
         self.trained, self.motion = trained, motion
         self.controls = dict(controls or {})
         self.pieces = motion.pieces
-        self._gain, self.loop = np.asarray(gain, np.float32), loop
-        self._gain = self._gain[:, None] if self._gain.ndim else self._gain
+        self.loop = loop
+        gains = np.asarray(gain, np.float32)
+        self.gain = gains[:, None] if gains.ndim else gains
+        """() or (V, 1)."""
 
     def __len__(self) -> int:
         return len(self.motion.theta)
@@ -154,7 +158,7 @@ class MovingBody:
 
         for offsets_m in self._offset_pieces():
             frames = slice(start, start + len(offsets_m))
-            yield MovedFrames(frames, finite(offsets_m * self._gain, frames), posed)
+            yield MovedFrames(frames, finite(offsets_m * self.gain, frames), offsets_m, posed)
             start = frames.stop
 
     def arrays(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -7,20 +7,18 @@ A file that cannot be predicted is named at the end and stops no other.
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import redirect_stderr
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from dataclasses import replace
+from functools import partial
 from io import StringIO
 from pathlib import Path
-from typing import Any
 
-from bridge.body.embedded import EMBEDDED_GENDERS
+from bridge.body.embedded import EMBEDDED, EMBEDDED_GENDERS
+from bridge.body.vertex_order import VERTICES
 from bridge.errors import DsnetError, notify
-from bridge.motion import Motion
 from bridge.motion.readers import files_below, stated_gender
 from bridge.motion.readers.c3d import c3d_beside
 from bridge.runs import read_artifact
@@ -35,92 +33,25 @@ from bridge.runs.files import (
     write_text_atomically,
 )
 from bridge.runs.workers import WorkerPool, on_any_node, progress, worker_pool
-from dsnet.prediction.controls import Controls, controlled_body
+from dsnet.prediction.controls import Controls
+from dsnet.prediction.folder_job import FolderJob, MotionJob
+from dsnet.prediction.interpolation import Interpolation
 from dsnet.prediction.load_model import (
     Source,
-    TrainedModel,
     find_model,
-    load_model,
-    name_of,
     requested_body,
 )
-from dsnet.prediction.moving_body import MovingBody
 from dsnet.prediction.out_folder import open_out_folder
 from dsnet.prediction.prediction_files import KIND, OF_MANY, fill_prediction
 from dsnet.prediction.runtimes import Runtime
+from dsnet.prediction.whose_body import refuse_unnamed_body, tell_whose_body
 
 REFUSED = "refused.txt"
 """In the folder that is written: each file that was refused, and why."""
 _SHOWN = 20
 """Refusals that are listed on the terminal; the file has all."""
-_BYTES = {"offsets": 12, "offsets16": 6, "vertices": 12}
-"""Of a vertex in a frame."""
 _BESIDE_BYTES = 8192
 """Of a motion's manifest and the headers of its arrays."""
-_load = lru_cache(maxsize=8)(load_model)
-
-
-@dataclass(frozen=True)
-class FolderJob:
-    """What is to be made of every motion of the folder; workers have a copy."""
-
-    source: Source
-    predictor: str | None
-    controls: Controls
-    write: tuple[str, ...]
-    runtime: Runtime = "onnx"
-
-    def load(self, path: Path) -> tuple[TrainedModel, Motion]:
-        """The predictor of a file's motion, and the motion as the file has it."""
-        load = partial(_load, runtime=self.runtime)
-        return self.controls.load(self.source, self.predictor, path, load)
-
-    def moving(self, path: Path) -> tuple[MovingBody, list[str]]:
-        """The body that performs it, and the warnings about it, which the terminal does not get."""
-        with redirect_stderr(StringIO()) as stderr:
-            moving = controlled_body(*self.load(path), self.controls)
-        lines = [line.removeprefix("dsnet: ") for line in stderr.getvalue().splitlines()]
-        return moving, lines + moving.warnings()
-
-    @property
-    def config(self) -> dict[str, Any]:
-        """As in the manifest of a prediction."""
-        given = {
-            "run": name_of(self.source),
-            "predictor": self.predictor,
-            "write": self.write,
-            "controls": self.controls.given(),
-            "body": self._body(),
-            "joints": dict(self.controls.how_read().joint_map),
-        }
-        if self.runtime != "onnx":  # without it as before there was a choice
-            given["runtime"] = self.runtime
-        return json.loads(json.dumps(given))
-
-    def _body(self) -> list[tuple[str, int, int]] | str | None:
-        """Names, sizes and times of the model files that were requested: they may be gigabytes."""
-        path = self.controls.body
-        if path is None or not path.exists():
-            return path and str(path)
-        files = sorted(one for one in (path, *path.rglob("*")) if one.is_file())
-        about = ((one.relative_to(path.parent).as_posix(), one.stat()) for one in files)
-        return [(name, status.st_size, status.st_mtime_ns) for name, status in about]
-
-
-@dataclass(frozen=True)
-class MotionJob:
-    """One file below the folder."""
-
-    path: Path
-    name: str
-    """From the folder on."""
-    out: Path
-    frames: int = 0
-    bytes: int = 0
-    """Of what will be written."""
-    refusal: str = ""
-    warnings: int = 0
-    """Lines of them in its manifest."""
 
 
 def predict_folder(
@@ -136,31 +67,35 @@ def predict_folder(
     """Predict every motion below a folder; parameters are those of `predict_motion`.
 
     Files without a motion, as AMASS's `shape.npz`, are passed over. Before anything is written the
-    room that all takes is printed. Workers are processes, or nodes with `--engine ray`.
+    room that all takes is printed, and whose body moves. Workers are processes, or nodes with
+    `--engine ray`.
 
     Raises
     ------
     DsnetError
-        If there is no motion, `out` lies in a run or in `folder`, the disk lacks room; and, when
-        all others are written, if some file was refused, which `out/refused.txt` has.
+        If there is no motion, `out` lies in a run or in `folder`, the disk lacks room, or motions
+        of SMPL's bodies would move an embedded one that is not asked for; and, when all others are
+        written, if some file was refused, which `out/refused.txt` has.
     """
     controls = controls or Controls()
     if body_name := requested_body(controls.body):  # other machines have other settings and folders
-        body = Path(body_name).resolve() if Path(body_name).exists() else Path(body_name)
-        controls = replace(controls, body=body)
-    job = FolderJob(source, predictor, controls, tuple(write), runtime)
+        is_file = body_name != EMBEDDED and Path(body_name).exists()
+        controls = replace(controls, body=Path(body_name).resolve() if is_file else Path(body_name))
+    job = FolderJob(source, predictor, controls, tuple(write), runtime, out.resolve())
     job.controls.check()
     job.controls.how_read()
     _refuse_place(folder, out)
     models = _upstreams(source, predictor)
+    files = _files(folder.resolve(), out.resolve())
+    if not body_name:
+        refuse_unnamed_body(source, predictor, folder.resolve(), (one.path for one in files))
     with (
         exclusive(out, f"--out {out}", "Wait until it has ended, or name another folder."),
         worker_pool(on_any_node("processes"), job) as pool,
     ):
-        files = _files(folder.resolve(), out.resolve())
-        done = {one.path: one.out for one in files if _is_done(one, job, models)}
-        for out_of_one in done.values():
-            tidy(out_of_one)
+        done = {one.path: one for one in map(partial(_done, job, models), files) if one}
+        for one in done.values():
+            tidy(one.out)
         surveyed = _surveyed([one for one in files if one.path not in done], pool)
         if not done and not surveyed:
             raise DsnetError(
@@ -169,6 +104,7 @@ def predict_folder(
                 "Check the path: docs/motion_files.md has what is read.",
             )
         motions = [one for one in surveyed if not one.refusal]
+        tell_whose_body([(one.body, one.of_betas) for one in (*done.values(), *motions)])
         _refuse_lack_of_room(out, motions, len(done))
         refused = [one for one in surveyed if one.refusal] + _predicted(motions, pool)
         _report(out, refused, len(done) + len(surveyed))
@@ -207,21 +143,30 @@ def _files(folder: Path, out: Path) -> list[MotionJob]:
     return [MotionJob(path, str(path.relative_to(folder)), place(path)) for path in paths]
 
 
-def _is_done(one: MotionJob, job: FolderJob, models: Sequence[dict[str, str]]) -> bool:
-    """Whether what is requested was made of the file as it is."""
+def _done(job: FolderJob, models: Sequence[dict[str, str]], one: MotionJob) -> MotionJob | None:
+    """What is requested, if it was made of the file as it is."""
     if not is_finished(one.out):
-        return False
+        return None
     try:
         made = read_artifact(one.out, KIND)
     except DsnetError:  # damaged, and about to be made again
-        return False
+        return None
     upstream = made.manifest["upstream"]
     present = {
         name: made.present_sha256(path, str(path), upstream.get(name, ""))
         for name, path in _files_read(one.path).items()
     }
     made_of = [model | present for model in models]
-    return made.manifest["config"] == job.config and upstream in made_of
+    if made.manifest["config"] != job.config or upstream not in made_of:
+        return None
+    interpolation = made.manifest.get("interpolation")
+    if VERTICES not in made.manifest or (interpolation and not _has(job, interpolation)):
+        return None  # of a version that did not say its order, or without what its nodes mean
+    return replace(one, body=made.manifest["body_model"], of_betas=made.manifest["file_betas"])
+
+
+def _has(job: FolderJob, interpolation: str) -> bool:
+    return job.shared is not None and (job.shared / Interpolation.name(interpolation)).is_file()
 
 
 def _files_read(motion: Path) -> dict[str, Path]:
@@ -242,11 +187,17 @@ def _survey(job: FolderJob, one: MotionJob) -> MotionJob | None:
             return None
         with redirect_stderr(StringIO()):  # warnings come when the motion is predicted
             trained, motion = job.load(one.path)
-        bytes_a_frame = sum(_BYTES.get(word, 0) for word in job.write) * trained.body.vertex_count
+        bytes_a_frame = job.bytes_a_frame(trained)
     except DsnetError as error:
         return _refused(one, error)
     frames = len(motion.theta)
-    return replace(one, frames=frames, bytes=frames * bytes_a_frame + _BESIDE_BYTES)
+    return replace(
+        one,
+        frames=frames,
+        bytes=frames * bytes_a_frame + _BESIDE_BYTES,
+        body=trained.body.name,
+        of_betas=job.controls.use_of_betas(motion, trained.body),
+    )
 
 
 def _refuse_lack_of_room(out: Path, motions: Sequence[MotionJob], done: int) -> None:
@@ -259,7 +210,7 @@ def _refuse_lack_of_room(out: Path, motions: Sequence[MotionJob], done: int) -> 
         raise DsnetError(
             f"--out {out}, on a disk with {_size(free)} free",
             f"{_size(wanted)} for {frames} frames",
-            "Make room, name another disk, or pass --write offsets16, half as large.",
+            "Make room, name another disk, or pass --write nodes16, the smallest form.",
         )
 
 
@@ -281,13 +232,14 @@ def _predicted(motions: Sequence[MotionJob], pool: WorkerPool[FolderJob]) -> lis
 
 def _predict(job: FolderJob, one: MotionJob) -> MotionJob:
     try:
-        moving, warnings = job.moving(one.path)
+        moving, of_betas, warnings = job.moving(one.path)
         read = _files_read(one.path)
         stamps = {str(path): stamp_of(path) for path in read.values()}
         digests = {name: sha256_of(path) for name, path in read.items()}
         upstream = {**moving.trained.upstream, **digests}
         with open_out_folder(one.out, moving.trained.origin, KIND) as writer:
-            fill_prediction(writer, moving, job.write, moving, source=one.path.name, told=warnings)
+            about = {"source": one.path.name, "file_betas": of_betas, "told": warnings}
+            fill_prediction(writer, moving, job.write, moving, job.shared, **about)
             writer.record_inputs({name: str(path) for name, path in read.items()}, stamps)
             writer.finish(config=job.config, upstream=upstream)
     except DsnetError as error:

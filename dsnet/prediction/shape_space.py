@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from bridge.motion import Motion
 from dsnet.markers.marker_files import markers_of
 from dsnet.markers.person import fit_person
 
+UseOfBetas: TypeAlias = Literal["used", "not used", "none"]
+"""What becomes of a file's betas."""
 _REMEDY = "--shape says another, --body takes the body model whose betas they are"
 _EMBEDDED = "an embedded body's"
 _SPACES = {"smpl": "SMPL's", "smplh": "SMPL's", "smplx": "SMPL-X's"}
@@ -51,6 +54,13 @@ def with_betas_on(motion: Motion, body: BodyModelData, warn: bool = True) -> Mot
         notify(line)
     padded = np.pad(betas, (0, body.shapedirs.shape[-1] - len(betas)))
     return replace(motion, betas=padded, more_betas=np.zeros(0))
+
+
+def use_of_betas(motion: Motion, body: BodyModelData) -> UseOfBetas:
+    """Whether the body takes a file's betas, or whether the file has `none` but zeros."""
+    if not motion.betas.any() and not motion.more_betas.any():
+        return "none"
+    return "not used" if _other_space(motion, body) else "used"
 
 
 def pelvis_apart_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from bridge.runs import Artifact
 from bridge.runs.files import MANIFEST
 from dsnet.prediction.controls import Controls
 from dsnet.prediction.predict_folder import predict_folder
-from dsnet.prediction.prediction_files import OF_MANY, OF_ONE, WRITABLE, predict_motion
+from dsnet.prediction.prediction_files import OF_MANY, OF_ONE, OFFSETS, WRITABLE, predict_motion
 from dsnet.prediction.runtimes import Runtime
 
 
@@ -37,8 +37,9 @@ class PredictConfig(Controls):
     """Folder to write: new, empty, or that of an earlier prediction. A folder of motions is written
     with the same subfolders."""
     write: tuple[str, ...] = ()
-    """What to write, of offsets, vertices, latents and strip (a picture), or offsets16 (float16)
-    for offsets; by default all for one motion, and offsets for a folder."""
+    """What to write, of offsets, vertices, latents and strip (a picture), or for offsets offsets16
+    (float16) or nodes16 (of 500 nodes, 13 times smaller, for `dsnet.load_flesh`); by default all
+    for one motion, and offsets for a folder."""
     runtime: Runtime = "onnx"
     """What predicts the latents of the paper's networks: `onnx`, ONNX Runtime frame by frame, or
     `keras`, the Keras model of whole motions. The manifest names it."""
@@ -118,8 +119,8 @@ def what_to_write(write: Sequence[str], motion: Path) -> tuple[str, ...]:
     if unknown := [word for word in words if word not in WRITABLE]:
         remedy = did_you_mean(unknown[0], WRITABLE, "Pass --write offsets,vertices.")
         raise DsnetError(f"--write {unknown[0]}", f"of {', '.join(WRITABLE)}", remedy)
-    if {"offsets", "offsets16"} <= {*words}:
-        raise DsnetError("--write offsets,offsets16", "one of both", "Leave one out.")
+    if len(forms := [word for word in OFFSETS if word in words]) > 1:
+        raise DsnetError(f"--write {','.join(forms)}", "one of these", "Leave the others out.")
     if "strip" in words and not ("vertices" in words and {"offsets", "offsets16"} & {*words}):
         remedy = "Pass --write offsets,vertices,strip."
         raise DsnetError("--write strip", "it with offsets and vertices, which it shows", remedy)

@@ -48,7 +48,10 @@ def test_a_node_killed_while_tissue_is_simulated_changes_no_bit_of_any_stage(
 
 
 def test_a_folder_of_motions_is_the_same_on_nodes_of_which_one_is_killed(nodes, tmp_path):
-    given, command = forge(tmp_path / "given", 40, 30), ("predict", "--motion")
+    given, command = (
+        forge(tmp_path / "given", 40, 30),
+        ("predict", "--body", "embedded", "--motion"),
+    )
     runs = tmp_path / "runs"
     runs.mkdir()
     ended_well(start_dsnet(runs, *command, str(given), "--out", str(tmp_path / "here")))

@@ -82,7 +82,7 @@ def test_it_predicts_and_moves(predicted):
 
 def test_a_loaded_one_predicts_a_folder_of_motions(run, tmp_path):
     model = dsnet.load_model("r", "gru")
-    out = dsnet.predict(forge(tmp_path / "motions", 2), tmp_path / "out", model)
+    out = dsnet.predict(forge(tmp_path / "motions", 2), tmp_path / "out", model, body="embedded")
     made = [read_artifact(path.parent) for path in out.rglob("*/manifest.json")]
     assert [one.manifest["predictor"] for one in made] == ["gru"] * 2
 

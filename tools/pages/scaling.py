@@ -102,17 +102,32 @@ def _each(nodes: int | None) -> str:
 
 
 def many_motions() -> str:
-    """What a folder of all of AMASS's motions takes, for docs/motion_files.md."""
-    found = load("scaling/many_motions")
-    given, floats = found["amass"], found["written"]["offsets"]
-    whole, half = floats["amass"], found["written"]["offsets16"]["amass"]
+    """What a folder of motions takes in each form, for docs/motion_files.md."""
+    found = load("scaling/folders")
+    whole, long = found["forms"]["offsets"], found["long"]
+    minutes = long["frames"] // 3600
+    rows = [
+        [
+            f"`{form}`",
+            f"{one['bytes_a_frame'] / 1e3:.1f}",
+            f"{one['bytes_a_frame'] * found['amass_frames'] / 1e9:,.0f}",
+            f"{one['frames_per_cpu_s']:,.0f}",
+            "mapped" if one is whole else f"{one['read_frames_per_cpu_s']:,.0f}",
+            "0" if one is whole else f"{one['most_um']:.0f} ({100 * one['rms_share']:.2f} %)",
+        ]
+        for form, one in found["forms"].items()
+    ]
     return (
-        f"One core writes {floats['frames_an_hour_and_core'] / 1e6:.1f} million frames an hour. "
-        f"All of AMASS, {given['hours']} hours in {given['motions']:,} motions, would take "
-        f"{whole['core_hours']:.1f} hours of one core, {whole['hours_by_cores']['16']:.2f} on "
-        f"sixteen,\nand {whole['bytes'] / 1e9:.0f} GB, {half['bytes'] / 1e9:.0f} as `offsets16`, "
-        f"which takes {half['core_hours']:.1f} hours of one core "
-        "([measured](results/scaling/many_motions.json) on short folders\nand multiplied). More "
-        "cores, here or in a cluster, are faster as long as disks take "
-        f"{whole['bytes_a_second_and_core'] / 1e6:.0f} MB a second for each core.\n"
+        table(
+            "form | kB a frame | GB for 40 hours | frames/s written | frames/s read | off by, µm "
+            "(share)",
+            rows,
+        )
+        + f"\nLargest offset {whole['largest_offset_mm']:.0f} mm; shares are of root mean squares."
+        " Frames a second of one core's time, the start of the\ncommand included. "
+        f"{minutes} minutes of motion, {long['frames']:,} frames, took `nodes16` "
+        f"{long['cpu_s'] / 60:.1f} minutes of one core ({long['frames_per_cpu_s']:,.0f} frames/s) "
+        f"and\n{long['bytes'] / 1e6:,.0f} MB. {found['machine']}; "
+        "[measured](results/scaling/folders.json) by `python -m benchmarks.flesh_folders --minutes "
+        f"{minutes}` while\nothers used the machine: times are upper bounds.\n"
     )

@@ -32,6 +32,9 @@ class MotionReader(NamedTuple):
     """Whose motion a file is; None if it is none. As few bytes as possible are read."""
     ending: str = ""
     """Of its files' names, before the suffix."""
+    is_smpls: Callable[[Path], bool] = lambda _: False
+    """Whether a file is of SMPL's family, with its poses and perhaps betas, and not of an embedded
+    body, of a file that holds a motion."""
 
     def knows(self, path: Path) -> bool:
         """Whether a file is of this format, by its name."""
@@ -39,11 +42,18 @@ class MotionReader(NamedTuple):
 
 
 READERS = {
-    "amass": MotionReader((".npz", ".smpl"), amass.read, amass.gender_of),
+    "amass": MotionReader((".npz", ".smpl"), amass.read, amass.gender_of, is_smpls=amass.is_smpls),
     "bvh": MotionReader((".bvh",), bvh.read),
-    "moshpp": MotionReader((".pkl",), pickles.read, pickles.gender_of, pickles.OF_MOSH),
-    "video": MotionReader((".pkl", ".pickle", ".pt", ".pth"), pickles.read, pickles.gender_of),
-    "joints": MotionReader((".npy",), joints.read, joints.gender_of),
+    "moshpp": MotionReader(
+        (".pkl",), pickles.read, pickles.gender_of, pickles.OF_MOSH, lambda _: True
+    ),
+    "video": MotionReader(
+        (".pkl", ".pickle", ".pt", ".pth"),
+        pickles.read,
+        pickles.gender_of,
+        is_smpls=lambda _: True,
+    ),
+    "joints": MotionReader((".npy",), joints.read, joints.gender_of, is_smpls=joints.is_smpls),
 }
 """By the names that a synthetic corpus's motions begin with if real people made them."""
 
@@ -90,6 +100,16 @@ def stated_gender(path: Path) -> str | None:
     """
     name = format_of(path)
     return READERS[name].gender_of(path) if name else None
+
+
+def is_smpls(path: Path) -> bool:
+    """Whether one of these is a motion of SMPL's family, whose vertices and betas are SMPL's; not
+    of an embedded body, as this project's own files. A damaged file is none."""
+    name = format_of(path)
+    try:
+        return name is not None and stated_gender(path) is not None and READERS[name].is_smpls(path)
+    except DsnetError:
+        return False
 
 
 def _suffixes() -> list[str]:

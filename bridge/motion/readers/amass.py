@@ -15,7 +15,7 @@ from bridge.errors import DsnetError, did_you_mean
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
 from bridge.motion.readers.joint_rotations import unusable
 from bridge.motion.readers.markers import markers_beside_poses
-from bridge.motion.readers.smpl_arrays import motion_of
+from bridge.motion.readers.smpl_arrays import is_of_embedded, motion_of
 from bridge.motion.readers.smpl_fields import (
     BETAS_KEYS,
     BODY_KEYS,
@@ -68,6 +68,13 @@ def gender_of(path: Path) -> str | None:
             return None
         stated = npz_fields(archive, {"gender": _MOST_TEXT_BYTES})
         return gender_stored(arrays_of(stated, strict=True))
+
+
+def is_smpls(path: Path) -> bool:
+    """Whether a motion is of SMPL's family, and not of an embedded body."""
+    with file_refused(path, unusable, "Download it again."), open_npz(motion_path(path)) as archive:
+        stated = npz_fields(archive, dict.fromkeys(("source", "body_model"), _MOST_TEXT_BYTES))
+        return not is_of_embedded(arrays_of(stated, strict=True))
 
 
 def motion_path(name_or_path: Path | str) -> Path:

@@ -81,6 +81,15 @@ def gender_of(path: Path) -> str | None:
     return "unknown" if shape[1:] in shapes else None
 
 
+def is_smpls(path: Path) -> bool:
+    """Whether it is Motion-X's: places of joints are nobody's vertices."""
+    try:
+        with open_regular(path, _MOST_BYTES) as file:
+            return NpyHeader.read(file).shape[1:] == (_MOTION_X_WIDTH,)
+    except (OSError, ValueError):
+        return False
+
+
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file; of several samples the first."""
     with file_refused(path, _refused, _REMEDY), open_regular(path, _MOST_BYTES) as file:

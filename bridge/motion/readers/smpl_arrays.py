@@ -96,10 +96,16 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
         up=up,
         dmpls=finite(path, "dmpls", arrays["dmpls"], len(pose)) if "dmpls" in arrays else None,
         trans_of=up,
-        embedded_betas=text_in(arrays, "source").startswith("synthetic")
-        or text_in(arrays, "body_model").startswith(EMBEDDED_PREFIX),
+        embedded_betas=is_of_embedded(arrays),
         notes=tuple(notes),
     )
+
+
+def is_of_embedded(arrays: Arrays) -> bool:
+    """Whether the file says that it is of an embedded body, as this project's own."""
+    return text_in(arrays, "source").startswith("synthetic") or text_in(
+        arrays, "body_model"
+    ).startswith(EMBEDDED_PREFIX)
 
 
 def _of_first_person(path: Path, arrays: Arrays, notes: list[str]) -> Arrays:

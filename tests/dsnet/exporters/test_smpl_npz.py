@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bridge.body import pose_vertices
+from bridge.body import load_body_model, pose_vertices
+from bridge.body.vertex_order import vertex_order
 from bridge.motion import load_motion, unpack_theta
 from dsnet.exporters import smpl_npz
 from dsnet.prediction.moving_body import MovingBody, place_motion
@@ -38,6 +39,7 @@ def test_it_says_what_it_is(stored):
     texts = ("data", "up_axis", "theta_up_axis", "length_unit", "angle_unit", "gender")
     assert [str(stored[key]) for key in texts] == ["synthetic", "z", "y", "m", "rad", "female"]
     assert stored["mocap_framerate"] == 60.0
+    assert str(stored["vertices"]) == vertex_order(load_body_model("embedded:female"))
     assert stored["poses"].shape == (FRAMES, 156)  # SMPL-H's joints
     assert stored["offsets"].dtype == np.float32
 

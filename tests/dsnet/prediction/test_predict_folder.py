@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +19,15 @@ from bridge.runs import read_artifact
 from dsnet.cli import main
 from dsnet.prediction import predict_folder as folders
 from dsnet.prediction.controls import Controls
-from dsnet.prediction.predict_folder import REFUSED, predict_folder
+from dsnet.prediction.folder_job import FolderJob
+from dsnet.prediction.predict_folder import REFUSED
 from dsnet.prediction.prediction_files import predict_motion
 from dsnet.prediction.stage_predict import what_to_write
 from tests.forged.amass import save, shape, smplh
 from tests.forged.many_motions import forge, tree
 
+EMBEDDED = Path("embedded")
+predict_folder = partial(folders.predict_folder, controls=Controls(body=EMBEDDED))
 DSNET = "from dsnet.cli import main; main()"
 IN_ONE_PROCESS = (
     "import dsnet.prediction.predict_folder as m; m.on_any_node = lambda kind: 'serial'; "
@@ -44,11 +48,13 @@ def given(tmp_path) -> Path:
 
 def test_the_tree_is_the_motions_and_holds_what_each_alone_gives(given, tmp_path, capsys):
     out = tmp_path / "out"
-    main(["predict", "--motion", str(given), "--out", str(out)])
+    main(["predict", "--motion", str(given), "--body", "embedded", "--out", str(out)])
     said = capsys.readouterr().err.splitlines()
-    assert said[0].startswith("dsnet: 0 motions are done, 5 of 60 frames to do: 5.0 MB to write,")
-    assert said[1] == "dsnet: of 5 there are warnings, under `told` in their manifest.json"
-    assert said[2:] == [f"dsnet: 5 motions are in {out}"]
+    assert said[0].startswith("dsnet: moves embedded:female and embedded:male")
+    assert said[0].endswith("of 5 of 5 motions the betas are not used")
+    assert said[1].startswith("dsnet: 0 motions are done, 5 of 60 frames to do: 5.0 MB to write,")
+    assert said[2] == "dsnet: of 5 there are warnings, under `told` in their manifest.json"
+    assert said[3:] == [f"dsnet: 5 motions are in {out}"]
     names = {path.parent.relative_to(out).as_posix() for path in out.rglob("manifest.json")}
     assert names == {f"Set{n % 2}/{n % 3:02d}/{n:03d}_poses" for n in range(5)}
     for number in (0, 1):  # a woman, a man
@@ -56,7 +62,7 @@ def test_the_tree_is_the_motions_and_holds_what_each_alone_gives(given, tmp_path
         made = read_artifact(out / name, "prediction")
         made.verify()
         assert "betas" in made.manifest["told"][0]
-        assert set(made.digests) == {"offsets.npy"}
+        assert set(made.digests) == {"offsets.npy", "theta.npy"}
         alone = predict_motion(None, given / f"{name}.npz", tmp_path / "alone", write=["offsets"])
         np.testing.assert_array_equal(made.array("offsets"), alone.array("offsets"))
         assert np.abs(made.array("offsets")).max() > 1e-4
@@ -90,15 +96,15 @@ def test_a_bad_file_in_the_middle_stops_no_other(given, tmp_path, capsys):
     save(given / "Set1" / "01" / "001b_poses.npz", smplh(), trans=np.full((5, 3), 2e4))
     out = tmp_path / "out"
     with pytest.raises(SystemExit) as stopped:
-        main(["predict", "--motion", str(given), "--out", str(out)])
+        main(["predict", "--motion", str(given), "--body", "embedded", "--out", str(out)])
     said = capsys.readouterr().err.splitlines()
     assert stopped.value.code == 2
     assert "2 of 7 files, refused as listed above" in said[-1]
-    assert [line.split()[1].strip(",:") for line in said[2:4]] == [
+    assert [line.split()[1].strip(",:") for line in said[3:5]] == [
         "Set1/01/001a_poses.npz",
         "Set1/01/001b_poses.npz",
     ]
-    assert [f"dsnet: {line}" for line in (out / REFUSED).read_text().splitlines()] == said[2:4]
+    assert [f"dsnet: {line}" for line in (out / REFUSED).read_text().splitlines()] == said[3:5]
     assert len(list(out.rglob("offsets.npy"))) == 5
     for name in "ab":
         (given / "Set1" / "01" / f"001{name}_poses.npz").unlink()
@@ -126,22 +132,22 @@ def test_a_file_beside_a_folder_of_its_name_has_its_own(tmp_path):
 
 def test_markers_that_come_beside_a_motion_make_another_prediction(tmp_path, capsys):
     path, out = save(tmp_path / "given" / "jacks_poses.npz", smplh(4, 60.0)), tmp_path / "out"
+    controls = Controls(body=EMBEDDED, betas="0" + ",0" * 9)
     for text in (None, b"", b"others"):
         if text is not None:
             path.with_name("jacks.c3d").write_bytes(text)
-        folders.predict_folder(None, path.parent, out, controls=Controls(betas="0" + ",0" * 9))
+        predict_folder(None, path.parent, out, controls=controls)
         assert "dsnet: 0 motions are done" in capsys.readouterr().err
-    predict_folder(None, path.parent, out, controls=Controls(betas="0" + ",0" * 9))
+    predict_folder(None, path.parent, out, controls=controls)
     assert "dsnet: 1 motions are done" in capsys.readouterr().err
 
 
 def test_another_body_is_another_prediction(given, tmp_path, capsys):
     """Told from one of the same name by its size or time: a file of one's own, or embedded."""
     load_body_model("embedded:male").save_smpl_npz(tmp_path / "mine.npz")
-    for body, said in (("embedded:male", "0 motions"), (None, "0"), (tmp_path / "mine.npz", "0")):
-        controls = Controls(body=Path(body) if body else None)
-        predict_folder(None, given, tmp_path / "out", controls=controls)
-        assert f"dsnet: {said}" in capsys.readouterr().err
+    for body in ("embedded:male", "embedded", tmp_path / "mine.npz"):
+        predict_folder(None, given, tmp_path / "out", controls=Controls(body=Path(body)))
+        assert "dsnet: 0 motions" in capsys.readouterr().err
     mine = Controls(body=tmp_path / "mine.npz")
     predict_folder(None, given, tmp_path / "out", controls=mine)
     assert "5 motions are done" in capsys.readouterr().err
@@ -154,7 +160,7 @@ def test_another_joint_map_is_another_prediction(tmp_path):
     controls, asked = Controls(joint_map=tmp_path / "joints.txt"), []
     for knee in ("LeftLeg", "Bip01 L Calf"):
         (tmp_path / "joints.txt").write_text(f"left_knee = {knee}\n")
-        asked.append(folders.FolderJob(None, None, controls, ("vertices",)).config)
+        asked.append(FolderJob(None, None, controls, ("vertices",)).config)
     assert asked[0] != asked[1]
 
 
@@ -197,7 +203,7 @@ def test_a_disk_that_fills_meanwhile_is_no_fault_of_a_motion(given, tmp_path, mo
     ("asked", "words"),
     [
         ("ofsets", "Did you mean 'offsets'"),
-        ("offsets,offsets16", "one of both"),
+        ("offsets,offsets16", "one of these"),
         ("strip", "it with offsets and vertices"),
     ],
 )
@@ -209,7 +215,7 @@ def test_what_cannot_be_written_is_refused(asked, words):
 def killed_and_resumed(given: Path, out: Path, seconds: list[float], code: str = DSNET) -> int:
     """Kill the command after so many seconds each, then let it end; how many kills came in time."""
     command, kills = [sys.executable, "-c", code, "predict", "--motion", str(given)], 0
-    command += ["--out", str(out)]
+    command += ["--body", "embedded", "--out", str(out)]
     for pause in seconds:
         process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
         while process.poll() is None and not list(out.rglob("offsets.npy")):
@@ -227,7 +233,7 @@ def test_sixty_motions_killed_and_resumed_have_equal_bytes(tmp_path):
     predict_folder(None, given, tmp_path / "whole")
     assert killed_and_resumed(given, tmp_path / "killed", [0.3, 2.0]) >= 1
     whole = tree(tmp_path / "whole")
-    assert len(whole) == 120
+    assert len(whole) == 180
     assert tree(tmp_path / "killed") == whole
 
 
