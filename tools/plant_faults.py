@@ -72,8 +72,9 @@ def main(config: Config) -> None:
         if GIVEN not in os.environ:  # or a faulty tree would make it
             os.environ[GIVEN] = f"{name}/runs"
             finished_runs(Path(os.environ[GIVEN]))
-        for site in _again(config.again) if config.again else _seeded(config.n, config.seed):
-            outcomes.append(_planted(copy, site, config.seconds))
+        planted = _again(config.again) if config.again else _seeded(config.n, config.seed)
+        for site, first in planted:
+            outcomes.append(_planted(copy, site, config.seconds, first))
             last = outcomes[-1]
             print(f"{site.path}:{last.line}: {last.what}: {last.became} {last.by}", flush=True)
             if config.out:
@@ -81,17 +82,24 @@ def main(config: Config) -> None:
     print(f"{sum(one.became == 'caught' for one in outcomes)} of {len(outcomes)} caught")
 
 
-def _seeded(n: int, seed: int) -> Iterator[Site]:
-    """As many of each kind, wherever in the product one may stand."""
+def _seeded(n: int, seed: int) -> Iterator[tuple[Site, str]]:
+    """As many of each kind, wherever in the product one may stand; who finds it is not known."""
     files = sorted(path for path in tracked() if path.startswith(PRODUCT) and path[-3:] == ".py")
     sites = [site for path in files for site in sites_of(path, (ROOT / path).read_text("utf-8"))]
     rng = random.Random(seed)
     for i in range(n):
-        yield rng.choice([site for site in sites if site.kind == list(KINDS)[i % len(KINDS)]])
+        of_kind = [site for site in sites if site.kind == list(KINDS)[i % len(KINDS)]]
+        yield rng.choice(of_kind), ""
 
 
-def _again(path: Path) -> Iterator[Site]:
-    yield from (Site(**one["site"]) for one in json.loads(path.read_text(encoding="utf-8")))
+def _again(path: Path) -> Iterator[tuple[Site, str]]:
+    """Each with the test that found it before, where that is still there."""
+    for one in json.loads(path.read_text(encoding="utf-8")):
+        file, _, name = one["by"].partition("::")
+        still = file in tracked() and f"def {name.partition('[')[0]}(" in (ROOT / file).read_text(
+            encoding="utf-8"
+        )
+        yield Site(**one["site"]), one["by"] if still else ""
 
 
 def _copy_tree(copy: Path) -> None:
@@ -102,12 +110,12 @@ def _copy_tree(copy: Path) -> None:
         subprocess.run(["git", *command.split()], cwd=copy, check=True, capture_output=True)
 
 
-def _planted(copy: Path, site: Site, seconds: float) -> Outcome:
-    """Run the tests of one fault; those that fail without it are left out."""
+def _planted(copy: Path, site: Site, seconds: float, first: str) -> Outcome:
+    """Run the tests of one fault, `first` before others; what fails without it is left out."""
     sound = (ROOT / site.path).read_text(encoding="utf-8")
     text, line, what = faulty(sound, site)
     until, broken = time.monotonic() + seconds, list[str]()
-    for tests in filter(None, _tests_of(site.path)):
+    for tests in filter(None, ([first] if first else [], *_tests_of(site.path))):
         while True:
             (copy / site.path).write_text(text, encoding="utf-8")
             try:
@@ -148,8 +156,8 @@ def _first_failure(copy: Path, tests: list[str], without: list[str], seconds: fl
     done = subprocess.run(
         command, cwd=copy, env=environment, capture_output=True, text=True, timeout=seconds
     )
-    found = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
-    if done.returncode in (0, 5):  # 5: none was chosen
+    found = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout, re.MULTILINE)
+    if done.returncode in (0, 5) or "ERROR: not found:" in done.stderr:  # 5: none was chosen
         return ""
     return found.group(1) if found else tests[0]
 
