@@ -43,12 +43,6 @@ def test_encoder_and_decoder_are_the_references(values):
     np.testing.assert_array_equal(network.model(values), found)
 
 
-def test_batch_equals_singles(values):
-    network = small()
-    singles = np.concatenate([network.encoder(values[i : i + 1]) for i in range(len(values))])
-    np.testing.assert_allclose(network.encoder(values), singles, atol=1e-5)
-
-
 def test_full_network_has_the_papers_parameters():
     assert KerasMeshAutoencoder().model.count_params() == 33_626_606
 
