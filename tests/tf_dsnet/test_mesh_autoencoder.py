@@ -12,11 +12,7 @@ from dsnet.verify import draws
 from dsnet.verify.draws import SMALL_WIDTHS as WIDTHS
 from dsnet.verify.reference import mesh_autoencoder as reference
 from tf_dsnet.framework import keras
-from tf_dsnet.mesh_autoencoder import (
-    KerasMeshAutoencoder,
-    assign_weights,
-    named_weights,
-)
+from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, assign_weights, named_weights
 
 
 def small() -> KerasMeshAutoencoder:

@@ -15,13 +15,7 @@ from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.motion import Motion, load_motion, pack_theta, unpack_theta
-from bridge.motion.cuts import (
-    CUT_M,
-    find_cuts,
-    frames_of_rest_pose,
-    is_cut,
-    turns_rad,
-)
+from bridge.motion.cuts import CUT_M, find_cuts, frames_of_rest_pose, is_cut, turns_rad
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import read_motion_file
 from bridge.motion.readers.amass import SAMPLES, sample_path

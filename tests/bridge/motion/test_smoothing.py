@@ -14,13 +14,7 @@ from bridge.motion import load_motion
 from bridge.motion.motion import RATES_HZ, Motion
 from bridge.motion.motion_checks import motion_warnings, tremor_mm
 from bridge.motion.readers.amass import SAMPLES, sample_path
-from bridge.motion.smoothing import (
-    SmoothHz,
-    StreamSmoother,
-    no_noise_hz,
-    noise_cutoff_hz,
-    smoothed,
-)
+from bridge.motion.smoothing import SmoothHz, StreamSmoother, no_noise_hz, noise_cutoff_hz, smoothed
 from bridge.motion.theta import pack_theta
 from tests.forged.amass import save, smplh
 

@@ -17,12 +17,7 @@ from bridge.runs import Run, read_artifact
 from bridge.tissue.trained_plus import NAME
 from dsnet.cli import main
 from dsnet.prediction.controls import Controls, controlled_body
-from dsnet.prediction.load_model import (
-    PACKAGED,
-    find_model,
-    load_model,
-    packaged_folder,
-)
+from dsnet.prediction.load_model import PACKAGED, find_model, load_model, packaged_folder
 from dsnet.prediction.moving_body import MovingBody, place_motion
 from dsnet.prediction.prediction_files import predict_motion
 from tests.forged import bvh

@@ -13,13 +13,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body import load_body_model
 from bridge.motion import unpack_theta
 from bridge.motion.cuts import repeated_frames
-from dsnet.synthetic.motions import (
-    HELD_OUT_MOTIONS,
-    MOTIONS,
-    WHOLE_S,
-    Skeleton,
-    perform,
-)
+from dsnet.synthetic.motions import HELD_OUT_MOTIONS, MOTIONS, WHOLE_S, Skeleton, perform
 from dsnet.synthetic.motions.plan import Planner
 from dsnet.synthetic.subjects import SUBJECTS, Gender
 from torch_align_ae.body import SMPL

@@ -10,9 +10,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.prediction import lesser_plus
 from benchmarks.prediction.lesser_plus import LesserPlusConfig
 from benchmarks.systems import dyna_like
-from benchmarks.systems.casas_otaduy_like import (
-    TwoFrameNetwork,
-)
+from benchmarks.systems.casas_otaduy_like import TwoFrameNetwork
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, kinematics
 from bridge.exchange.train_options import PredictorSettings
 from bridge.motion import pack_theta
