@@ -6,8 +6,6 @@ import re
 import subprocess
 import sys
 
-import pytest
-
 from tests.sources import PACKAGES, ROOT, imported_modules, source_files
 
 PROVIDES = {
@@ -88,9 +86,3 @@ def installed_by(text: str) -> set[str]:
     words = {word for command in commands for word in re.findall(r'"[^"]*"|\S+', command)}
     names = {re.sub(r"\[.*\]|[=<>!~].*|[.,;:]+$", "", word.strip('"')) for word in words}
     return {name for name in names if re.fullmatch(r"[A-Za-z][\w.-]*", name)}
-
-
-@pytest.mark.parametrize("command", ['"dsnet[usd]".', "-U dsnet==1 # why", "other dsnet, or"])
-def test_a_distribution_is_found_in_a_pip_command(command: str) -> None:
-    assert "dsnet" in installed_by(f"pip install {command}")
-    assert not installed_by('pip install ".[usd]" --editable "/a b[usd]" # or')

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.sources import PACKAGES, ROOT, imported_modules, parsed, source_files
-from tools.draw_architecture import PICTURE, drawn, imports, without_detours
+from tools.draw_architecture import PICTURE, drawn
 
 NO_PRODUCT = {"benchmarks", "tools", "tests"}
 FRAMEWORK_OF = {"torch_align_ae": "torch", "tf_dsnet": "tensorflow"}
@@ -154,24 +154,6 @@ def test_the_picture_shows_the_imports() -> None:
 
 
 @pytest.mark.parametrize("package", ORDER)
-def test_the_picture_leaves_out_only_arrows_that_follow_from_others(package: str) -> None:
-    folders = [name for name in ORDER[package] if name and not name.endswith(".py")]
-    found: dict[str, set[str]] = {folder: set() for folder in folders}
-    for path in source_files(package):
-        modules = (name.split(".") for name in imported_modules(path))
-        inner = {parts[1] for parts in modules if parts[0] == package and len(parts) > 1}
-        if (folder := folder_of(path)) in found:
-            found[folder] |= inner & {*folders} - {folder}
-    shown = without_detours(found)
-    assert imports(package, folders) == found
-    for folder in folders:
-        reached, last = set(shown[folder]), set()
-        while reached != last:
-            last, reached = reached, reached.union(*(shown[one] for one in reached))
-        assert found[folder] <= reached
-
-
-@pytest.mark.parametrize("package", ORDER)
 def test_every_folder_has_its_place(package: str) -> None:
     assert {folder_of(path) for path in source_files(package)} == set(ORDER[package])
 
@@ -184,18 +166,6 @@ def test_third_parties_are_those_of_the_folder(package: str, folder: str) -> Non
     files = [path for path in source_files(package) if folder_of(path) == folder]
     found = {name.partition(".")[0] for path in files for name in imported_modules(path)}
     assert found - {*PACKAGES} - sys.stdlib_module_names == THIRD_PARTIES[package][folder]
-
-
-def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
-    source = tmp_path / "source.py"
-    source.write_text("def f():\n    import torch.nn\n    from dsnet.report.bodies import Scene\n")
-    names = list(imported_modules(source))
-    assert names == ["torch.nn", "dsnet.report.bodies"]
-    assert upward("dsnet", "evaluation", names) == ["dsnet.report.bodies"]
-    assert upward("dsnet", "report", names) == []
-    assert upward("dsnet", "cli.py", names) == []
-    assert upward("dsnet", "verify", ["dsnet.cli"]) == ["dsnet.cli"]
-    assert upward("bridge", "", ["bridge.runs"]) == ["bridge.runs"]
 
 
 @pytest.mark.parametrize(

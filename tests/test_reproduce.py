@@ -66,10 +66,37 @@ def stages(done: subprocess.CompletedProcess[str]) -> dict[str, str]:
     return dict(line.split(" ", 1) for line in done.stdout.splitlines())
 
 
-def test_every_stage_in_order_by_default(reproduce: Reproduce) -> None:
-    called = stages(reproduce())
+@pytest.mark.parametrize(
+    ("options", "common", "own"),
+    [
+        ("", "--profile demo --run demo", {}),
+        ("--aligner robust", "--profile demo --run demo", {"align": "--aligner robust"}),
+        ("--leave-out a b", "--profile demo --run demo", {"align": "--leave-out a b"}),
+        (
+            "--preset literal --profile smoke",
+            "--profile smoke --run smoke_literal",
+            {
+                "align": "--aligner sgd",
+                "train-ae": "--preset literal",
+                "train": "--predictors dsnet_faithful",
+            },
+        ),
+        (
+            "--gender male --profile smoke",
+            "--profile smoke --run smoke_male",
+            {"corpus": "--gender male"},
+        ),
+        ("--gender female", "--profile demo --run demo", {"corpus": "--gender female"}),
+        ("--gender male --run m", "--profile demo --run m", {"corpus": "--gender male"}),
+    ],
+)
+def test_options_reach_their_stages(
+    reproduce: Reproduce, options: str, common: str, own: dict[str, str]
+) -> None:
+    called = stages(reproduce(*options.split()))
     assert list(called) == STAGES
-    assert set(called.values()) == {"--profile demo --run demo --seed 0"}
+    expected = {stage: f"{common} --seed 0 {own.get(stage, '')}".strip() for stage in STAGES}
+    assert called == expected
 
 
 @pytest.mark.parametrize("options", [("--profile", "paper"), ("--seeds", "3", "--run", "paper")])
@@ -104,46 +131,8 @@ def test_licensed_files_take_the_corpus_place(reproduce: Reproduce, tmp_path: Pa
     motions = f"--amass {at}/amass --amass-list {at}/women.txt --amass-fps 60"
     assert called["infer"] == f"{common} {motions}"
     assert called["train"] == common
-
-
-def test_absolute_paths_and_repeated_options(reproduce: Reproduce, tmp_path: Path) -> None:
-    at = tmp_path / "caller"
-    options = ("--dyna", f"{at}/women.h5", "--smpl", f"{at}/body f.pkl", "--dyna", "men.h5")
-    assert f"--dyna {at}/women.h5 {at}/men.h5" in stages(reproduce(*options))["align"]
-
-
-def test_aligner_is_handed_on(reproduce: Reproduce) -> None:
-    for aligner in ("sgd", "robust", "both"):
-        called = stages(reproduce("--aligner", aligner))
-        assert called.pop("align").endswith(f"--aligner {aligner}")
-    assert not any("aligner" in options for options in called.values())
-
-
-def test_sequences_to_leave_out_are_handed_on(reproduce: Reproduce) -> None:
-    called = stages(reproduce("--leave-out", "50004_hips", "50020_hips", "--seed", "1"))
-    assert called["align"].endswith("--seed 1 --leave-out 50004_hips 50020_hips")
-
-
-def test_a_literal_preset_is_a_run_of_the_papers_words_alone(reproduce: Reproduce) -> None:
-    called = stages(reproduce("--preset", "literal", "--profile", "smoke"))
-    common = "--profile smoke --run smoke_literal --seed 0"
-    assert list(called) == STAGES
-    assert called.pop("align") == f"{common} --aligner sgd"
-    assert called.pop("train-ae") == f"{common} --preset literal"
-    assert called.pop("train") == f"{common} --predictors dsnet_faithful"
-    assert set(called.values()) == {common}
-
-
-def test_men_are_a_run_of_their_own(reproduce: Reproduce) -> None:
-    called = stages(reproduce("--gender", "male", "--profile", "smoke"))
-    assert list(called) == STAGES
-    common = "--profile smoke --run smoke_male --seed 0"
-    assert called.pop("corpus") == f"{common} --gender male"
-    assert set(called.values()) == {common}
-    women = stages(reproduce("--gender", "female"))
-    assert women["corpus"] == "--profile demo --run demo --seed 0 --gender female"
-    named = stages(reproduce("--gender", "male", "--run", "men"))
-    assert named["align"] == "--profile demo --run men --seed 0"
+    again = ("--dyna", f"{at}/women.h5", "--smpl", f"{at}/body f.pkl", "--dyna", "men.h5")
+    assert meshes in stages(reproduce(*again))["align"]
 
 
 @pytest.mark.parametrize(
@@ -192,15 +181,8 @@ def test_documented_commands_are_understood(
     assert list(stages(reproduce(*options))) == STAGES["--dyna" in options :]
 
 
-def test_meshes_without_a_body_reach_align_which_refuses(reproduce: Reproduce) -> None:
-    called = stages(reproduce("--dyna", "women.h5"))
-    assert "corpus" not in called
-    assert "--smpl" not in called["align"]
-
-
-@pytest.mark.parametrize("option", ["-h", "--help"])
-def test_help_is_the_scripts_head(reproduce: Reproduce, option: str) -> None:
-    done = reproduce(option)
+def test_help_is_the_scripts_head(reproduce: Reproduce) -> None:
+    done = reproduce("--help")
     assert (done.returncode, done.stderr) == (0, "")
     for name in ("--profile", "--aligner", "--amass", "setup", "test --slow"):
         assert name in done.stdout
@@ -275,9 +257,6 @@ def test_tests_of_each_side_have_a_process(reproduce: Reproduce) -> None:
     assert "-m pytest" in second
     assert second.endswith("--ignore tests/tf_dsnet")
     assert "slow" not in done.stdout
-
-
-def test_slow_tests_are_added_to_both_sides(reproduce: Reproduce) -> None:
     *_, first, second = reproduce("test", "--slow").stdout.splitlines()
     expression = " -m not (browser or cluster or faults or fuzz)"
     assert first.endswith(f" tests/tf_dsnet{expression}")

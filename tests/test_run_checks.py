@@ -30,7 +30,7 @@ def tree(monkeypatch, tmp_path: Path) -> Path:
     monkeypatch.setattr(run_checks, "ROOT", tmp_path)
     monkeypatch.setattr(run_checks, "PASSED", tmp_path / ".ci" / "passed.json")
     monkeypatch.setattr(run_checks, "tracked", lambda: frozenset(files))
-    run_checks._imported.cache_clear()
+    run_checks.imported_by.cache_clear()
     return tmp_path
 
 

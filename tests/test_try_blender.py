@@ -62,19 +62,12 @@ def seen(truth: Truth) -> dict[str, np.ndarray]:
     }
 
 
-def test_a_body_that_is_where_it_should_be_passes(seen, truth):
-    off_mm, wrong = judge(tuple(ALLOWED), BOUND_MM, seen, truth)
-    assert (off_mm, wrong) == (0, [])
-
-
 @pytest.mark.parametrize(
     ("key", "change", "said"),
     [
         ("vertices_m", lambda v: np.add(v, [2e-5, 0, 0]), "more than 0.01"),
-        ("vertices_m", lambda v: v[..., [0, 2, 1]], "lowest_m is -0.85"),
         ("vertices_m", lambda v: 100 * v, "height_m is 170"),
         ("normals", lambda n: -n, "normals_off_deg is 180"),
-        ("offset_m", lambda s: s + 1e-5, "offset_m_off is 1.0000"),
         ("offset_m", lambda s: np.nan * s, "offset_m_off is nan"),
         ("imported_fps", lambda f: f + 36, "rate_after_import is 60"),
         ("range", lambda r: np.add(r, [1, 0]), "frames_off is 1"),
@@ -82,19 +75,6 @@ def test_a_body_that_is_where_it_should_be_passes(seen, truth):
     ],
 )
 def test_a_body_that_is_not_is_noticed(key, change, said, seen, truth):
+    assert judge(tuple(ALLOWED), BOUND_MM, seen, truth) == (0, [])
     _, wrong = judge(tuple(ALLOWED), BOUND_MM, {**seen, key: change(seen[key])}, truth)
     assert any(what.startswith(said) for what in wrong), wrong
-
-
-def test_a_skeleton_has_its_joints_where_they_should_be(seen, truth):
-    skeleton = {key: seen[key] for key in ("range", "bones")}
-    for apart_m, wrong in ((0, []), (2e-5, ["more than 0.0100 mm"])):
-        joints_m = np.add(truth.joints_m, [apart_m, 0, 0])
-        found = judge(("bones",), BOUND_MM, {**skeleton, "vertices_m": joints_m}, truth)
-        assert found[1] == wrong
-
-
-def test_an_attribute_that_blender_did_not_read_is_noticed(seen, truth):
-    del seen["offset_m"]
-    _, wrong = judge(("offset_m_off",), BOUND_MM, seen, truth)
-    assert wrong == ["offset_m_off is nan; expected 0 to 1e-06"]

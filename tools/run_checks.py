@@ -92,7 +92,7 @@ def files_of(check: Check) -> set[str]:
     begins = {path for start in (*check.begins, *FOR_ALL) for path in _below(start)}
     files, new = set(begins), begins
     while new:
-        new = {found for path in new if path.endswith(".py") for found in _imported(path)} - files
+        new = {found for path in new if path.endswith(".py") for found in imported_by(path)} - files
         files |= new
     packages = {path.rpartition("/")[0] for path in files if path.endswith("/__init__.py")}
     return files | {
@@ -122,7 +122,7 @@ def _package_of(path: str) -> str:
 
 
 @cache
-def _imported(path: str) -> frozenset[str]:
+def imported_by(path: str) -> frozenset[str]:
     """Files that a file imports when it runs: those for type checkers alone are left out."""
     tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
     files = {file for node in _running(tree) for name in _names(node) for file in _files(name)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.scaling.model import needs, predicted_and_measured
+from benchmarks.scaling.model import predicted_and_measured
 
 
 def measured(frames: int, workers: int, alone_a_frame: float = 1e-3) -> dict:
@@ -26,12 +26,3 @@ def test_a_stage_that_is_as_the_model_is_predicted_exactly():
     ]  # fmt: skip
     for row in rows:
         assert row["relative_error"] == pytest.approx(0, abs=1e-9)
-
-
-def test_needs_of_a_large_corpus():
-    (row,) = needs([measured(200, 1), measured(900, 1)], 1e8)
-    assert row["core_hours"] == pytest.approx((2 + 1e5 + 5e5) / 3600)
-    assert row["alone_hours"] == pytest.approx((2 + 1e5) / 3600)
-    assert row["nodes_for_a_day"] is None  # 28 hours in one process
-    (row,) = needs([measured(200, 1, 0.0), measured(900, 1, 0.0)], 1e8)
-    assert row["nodes_for_a_day"] == 1

@@ -9,9 +9,10 @@ import numpy as np
 
 from benchmarks.subspaces.comparison import SubspacesConfig, main
 from benchmarks.subspaces.page import markdown
-from bridge.motion import MotionSequence, to_manifest
+from bridge.motion import MotionSequence
 from bridge.motion.splits import split_frames
-from bridge.runs import Run, write_artifact
+from bridge.runs import Run
+from tests.forged.artifacts import put
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results" / "subspaces"
 VERTICES = 40
@@ -29,15 +30,8 @@ def leave_run() -> np.ndarray:
     swings = np.sin(rng.uniform(0.1, 0.9, 20) * np.arange(150)[:, None]) * 0.8 ** np.arange(20)
     offsets_m = 5e-3 * (swings @ rng.standard_normal((20, VERTICES * 3)))
     offsets_m = offsets_m.reshape(150, VERTICES, 3).astype(np.float32)
-    write_artifact(
-        Run("r").path / "align_robust",
-        "align_robust",
-        {"offsets": offsets_m},
-        units={"offsets": "m"},
-        data="synthetic",
-        config={"aligner": "robust"},
-        sequences=to_manifest(index),
-    )
+    aligned = Run("r").path / "align_robust"
+    put(aligned, {"offsets": offsets_m}, index, config={"aligner": "robust"})
     return offsets_m
 
 

@@ -12,21 +12,14 @@ from pathlib import Path
 
 import pytest
 
-import bridge
 from bridge.errors import DsnetError, MissingPackageError
 from bridge.installation import how_to_install, require_packages_of, version_of
-from dsnet.cli import main
 from tests.sources import ROOT
 
 
 def execute(code: str, folder: Path, path: Path = ROOT) -> subprocess.CompletedProcess[str]:
     command, environment = [sys.executable, "-c", code], {**os.environ, "PYTHONPATH": str(path)}
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
-
-
-def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["--version"])
-    assert capsys.readouterr().out == f"dsnet {bridge.__version__}\n"
 
 
 def test_of_a_checkout_its_folder_is_installed() -> None:

@@ -12,11 +12,6 @@ from tests.forged.plugin import use_plugin
 OWN = {"own": 1}
 
 
-def test_without_any_there_is_what_the_product_has(monkeypatch):
-    monkeypatch.delenv("DSNET_PLUGINS", raising=False)
-    assert with_plugins("tissues", OWN) == OWN
-
-
 def test_several_add_what_they_have(tmp_path, monkeypatch):
     (tmp_path / "deep").mkdir()
     (tmp_path / "deep" / "er.py").write_text("def tissues():\n    return {'a': 2}\n")

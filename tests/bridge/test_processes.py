@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from bridge import processes
-from bridge.processes import outcome_of_module, usable_cores
+from bridge.processes import usable_cores
 
 COMMAND = """
 import errno, os, signal, sys, time
@@ -25,6 +25,11 @@ from pathlib import Path
 Path(sys.argv[1]).touch()
 time.sleep(60)
 """
+
+
+both_signals = pytest.mark.parametrize(
+    ("number", "how"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")]
+)
 
 
 def ended(code: str) -> tuple[int, str]:
@@ -58,9 +63,7 @@ def test_a_fault_of_the_program_is_none_of_these():
         assert "Traceback" in said
 
 
-@pytest.mark.parametrize(
-    ("number", "how"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")]
-)
+@both_signals
 def test_a_signal_is_one_line(number, how):
     status, said = ended(f"signal.raise_signal({int(number)}); time.sleep(60)")
     assert (status, said) == (128 + number, f"dsnet: {how}; run the same command to go on\n")
@@ -76,9 +79,7 @@ except BaseException:
 """
 
 
-@pytest.mark.parametrize(
-    ("number", "how"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")]
-)
+@both_signals
 def test_a_library_that_loads_swallows_no_signal(number, how, tmp_path):
     (tmp_path / "swallows.py").write_text(SWALLOWS)
     (tmp_path / "number").write_text(str(int(number)))
@@ -102,9 +103,7 @@ with exit_with_one_line():
     assert (done.returncode, done.stderr) == expected
 
 
-@pytest.mark.parametrize(
-    ("number", "how"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")]
-)
+@both_signals
 def test_a_signal_while_a_wait_lets_go_of_its_lock_is_one_line(number, how):
     code = f"""import threading
     condition = threading.Condition()
@@ -147,9 +146,7 @@ LOST = {
 
 
 @pytest.mark.parametrize("lost", LOST)
-@pytest.mark.parametrize(
-    ("number", "how"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")]
-)
+@both_signals
 def test_a_signal_of_which_a_library_makes_something_else_is_one_line(lost, number, how):
     """As TensorFlow does, where an interrupt meets the exception that it is about to raise."""
     said = f"dsnet: {how}; run the same command to go on\n"
@@ -194,12 +191,6 @@ def test_who_has_interrupted_may_do_so_again_while_threads_end():
     signal.raise_signal(signal.SIGINT)
     time.sleep(60)"""
     assert ended(code) == (130, "dsnet: interrupted; run the same command to go on\n")
-
-
-def test_a_module_that_fails_is_an_answer(tmp_path: Path):
-    status, said = outcome_of_module("bridge.no_such_module")
-    assert status == 1
-    assert "no_such_module" in said
 
 
 def test_an_interrupt_of_all_is_answered_by_the_first_alone(tmp_path: Path):

@@ -60,6 +60,7 @@ def test_a_script_is_of_this_program_and_its_commands(script: str) -> None:
         (["export", "--to", "usd", "--prec"], {"--precision"}),
         (["train", "--engine", ""], {"local", "ray"}),
         (["report", "--profile", "d"], {"demo"}),
+        (["predict", "--nothing"], set()),
     ],
 )
 def test_bash_completes(words: list[str], expected: set[str], bash_script: Path) -> None:
@@ -67,15 +68,11 @@ def test_bash_completes(words: list[str], expected: set[str], bash_script: Path)
 
 
 @needs_bash
-def test_bash_offers_all_commands_first(bash_script: Path) -> None:
-    assert {*COMMANDS} <= offered(bash_script, "")
-
-
-@needs_bash
 @pytest.mark.parametrize("command", ["predict", "evaluate"])
 def test_bash_offers_the_options_of_the_help(command: str, bash_script: Path) -> None:
     options = offered(bash_script, command, "--") - {"--no-loop"}
     assert options == options_of(without_frameworks(command, "--help")) | {"--help"}
+    assert {*COMMANDS} <= offered(bash_script, "")
 
 
 @needs_bash
@@ -85,8 +82,3 @@ def test_bash_completes_paths(bash_script: Path, tmp_path: Path) -> None:
     paths = {str(tmp_path / "walk"), str(tmp_path / "walk.npz")}
     as_paths = {"compopt -o filenames"}  # after a folder's name comes a slash
     assert offered(bash_script, "view", "--motion", str(tmp_path / "wa")) == paths | as_paths
-
-
-@needs_bash
-def test_bash_offers_nothing_for_what_is_unknown(bash_script: Path) -> None:
-    assert offered(bash_script, "predict", "--nothing") == set()

@@ -6,8 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 FILTERS = {"scipy.signal", "scipy.stats", "scipy.interpolate", "scipy.optimize"}
 MESHES = {"trimesh", "networkx"}
 PICTURES = {"matplotlib", "PIL"}
@@ -54,11 +52,3 @@ def test_prediction_draws_without_filters_meshes_or_pages(tmp_path: Path) -> Non
 def test_a_prediction_in_memory_needs_no_locks(tmp_path: Path) -> None:
     code = "import dsnet; dsnet.animate(dsnet.load_motion('sample:walk_cycle')).arrays()"
     assert not loaded_by(code, tmp_path) & (FILTERS | MESHES | PICTURES | {"filelock", "tyro"})
-
-
-@pytest.mark.parametrize("stage", ["train", "evaluate"])
-def test_stages_without_markers_need_no_filters_pictures_or_pages(
-    stage: str, tmp_path: Path
-) -> None:
-    modules = loaded_by(f"import dsnet.stages.stage_{stage}", tmp_path)
-    assert not modules & (FILTERS | MESHES | PICTURES | PAGES)

@@ -7,19 +7,10 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from tools.build_gallery import Gallery, gravity, landing, recorded_motion
+from tools.build_gallery import Gallery, recorded_motion
 from tools.gallery.stills import Look
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.mark.parametrize("make", [landing, gravity])
-def test_a_runs_bodies_beside_the_truth(smoke_runs, tmp_path, monkeypatch, make):
-    monkeypatch.setenv("DSNET_RUNS", str(smoke_runs))
-    config = Gallery(run="smoke", look=Look(width_px=120))
-    make(config, tmp_path / "a.png", kind="side_to_side_hopping")
-    with Image.open(tmp_path / "a.png") as picture:
-        assert picture.size[0] > 1000
 
 
 def test_a_recorded_motion_by_a_runs_predictors(smoke_runs, tmp_path, monkeypatch):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shlex
@@ -28,24 +27,6 @@ def test_every_stage_left_a_complete_synthetic_artifact(smoke_runs):
         artifact.verify()
         assert artifact.origin == "synthetic"
     assert not list((smoke_runs / "smoke").glob(".*"))
-
-
-def test_parameter_counts_are_the_papers(smoke_runs):
-    results = json.loads((smoke_runs / "smoke" / "report" / "results.json").read_text())
-    assert results["parameters"] == {
-        "autoencoder": 33_626_606,
-        "dsnet": 65_140,
-        "casas_otaduy": 284_678_770,
-    }
-
-
-def test_report_says_synthetic_and_shows_every_figure(smoke_runs):
-    report = smoke_runs / "smoke" / "report"
-    for page in ("report.md", "report.html"):
-        assert "synthetic" in (report / page).read_text().lower()
-    shown = re.findall(r"\(figures/([\w.-]+\.png)\)", (report / "report.md").read_text())
-    assert sorted(shown) == sorted(path.name for path in (report / "figures").glob("*.png"))
-    assert len(shown) >= 6
 
 
 def test_a_second_run_makes_nothing_again(smoke_runs, execute):

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
+from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.splits import decoded_sequences
-from bridge.runs import ArtifactWriter, read_artifact, write_artifact
+from bridge.runs import ArtifactWriter, read_artifact
+from tests.forged.artifacts import put
 
 PLUS = "dsnet_plus"
 LABEL = "DSNet plus"
@@ -47,20 +48,13 @@ def _write_alignment(run: Path, aligned: list[MotionSequence]) -> None:
     truth = read_artifact(run / "truth")
     rows, frames = subject_rows(sequences_of(truth)), sum(s.length for s in aligned)
     own = [rows[subject] for subject in subject_rows(aligned)]
-    write_artifact(
-        run / "align_robust",
-        "align_robust",
-        {
-            "theta": np.asarray(truth.array("theta")[:frames]),
-            "betas": np.asarray(truth.array("betas")[own]),
-            "offsets": np.asarray(truth.array("offsets")[:frames]) + np.float32(1e-4),
-            "frame_error": np.full(frames, 0.001, np.float32),
-        },
-        units={"theta": "rad, then m", "betas": "1", "offsets": "m", "frame_error": "m"},
-        data="synthetic",
-        sequences=to_manifest(aligned),
-        config={"aligner": "robust", "smpl": None},
-    )
+    arrays = {
+        "theta": np.asarray(truth.array("theta")[:frames]),
+        "betas": np.asarray(truth.array("betas")[own]),
+        "offsets": np.asarray(truth.array("offsets")[:frames]) + np.float32(1e-4),
+        "frame_error": np.full(frames, 0.001, np.float32),
+    }
+    put(run / "align_robust", arrays, aligned, config={"aligner": "robust", "smpl": None})
 
 
 def _write_predictions(
@@ -91,14 +85,5 @@ def _write_predictions(
         arrays[f"static_{PLUS}"] = np.float32(static_share) * truth.array("static")[frames]
         offsets_m = offsets_m + arrays[f"static_{PLUS}"]
     arrays[f"offsets_{PLUS}"] = offsets_m
-    write_artifact(
-        run / "infer_plus",
-        "infer_plus",
-        arrays,
-        units=dict.fromkeys(arrays, "m") | {"theta": "rad, then m", "betas": "1"},
-        data="synthetic",
-        sequences=to_manifest(sequences),
-        predictors={PLUS: LABEL},
-        config={},
-        upstream=upstream,
-    )
+    told = {"predictors": {PLUS: LABEL}, "config": {}, "upstream": upstream}
+    put(run / "infer_plus", arrays, sequences, **told)

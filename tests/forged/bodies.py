@@ -187,12 +187,13 @@ def _old_coo(matrix: Any) -> Any:
     return made
 
 
-def _chumpy(fields: Fields) -> bytes:
+def _chumpy(fields: Fields, protocol: int = 2, of: str = "scipy.sparse.csc") -> bytes:
     dirs = np.concatenate([fields["shapedirs"], 9 + fields["shapedirs"]], axis=2)
     chosen = sliced(Ch(dirs), dirs.shape, fields["shapedirs"].shape[2])
     sparse = sp.csc_matrix(fields["J_regressor"])
     odd = {"pose_training_info": {"gamma": 5, "names": ["a"], "none": None}, "bs_style": "lbs"}
-    return python2_pickle(fields | odd | {"shapedirs": chosen, "J_regressor": sparse}, 2)
+    changed = {"shapedirs": chosen, "v_template": Ch(fields["v_template"]), "J_regressor": sparse}
+    return python2_pickle(fields | odd | changed, protocol, of)
 
 
 def _sparse(kind: str, protocol: int = 4) -> Callable[[Fields], bytes]:
@@ -207,6 +208,10 @@ def _objects(fields: Fields) -> Fields:
 LOADS: dict[str, tuple[str, dict[str, Any], Callable[[Fields], bytes]]] = {
     "chumpy, Python 2": ("basicModel_f_lbs_10_207_0_v1.0.0.pkl", {}, _chumpy),
     "chumpy, 300 shapes": ("basicmodel_f_v1.1.0.pkl", {"shapes": 300}, _chumpy),
+    "chumpy, protocol 0": ("basicModel_f_v1.0.0.pkl", {}, lambda f: _chumpy(f, 0)),
+    "chumpy, newer SciPy": ("basicmodel_f_v1.1.0.pkl", {}, lambda f: _chumpy(
+        f, 2, "scipy.sparse._csc")),
+    "npz of a pickle": ("SMPL_FEMALE.npz", {}, lambda f: npz(_with(J_regressor=sp.csc_matrix)(f))),
     "one shape": ("SMPL_FEMALE.npz", {"shapes": 1}, npz),
     "protocol 0": ("SMPL_FEMALE.pkl", {}, lambda f: python2_pickle(f, 0)),
     "protocol 5": ("SMPL_FEMALE.pkl", {}, lambda f: pickle.dumps(f, 5)),

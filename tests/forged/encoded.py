@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.motion import MotionSequence, to_manifest
-from bridge.runs import write_artifact
+from bridge.motion import MotionSequence
+from tests.forged.artifacts import put
 
 SUBJECTS = ("50004", "50020")
 MOTIONS = ("hips", "punching", "one_leg_jump")
@@ -29,26 +29,14 @@ def write_encoded(path: Path) -> None:
     theta = np.concatenate([_smooth_walk(rng, length) for length in LENGTHS])
     push = np.gradient(np.gradient(theta, axis=0), axis=0)
     latents = 5.0 + 20.0 * push @ rng.normal(size=(69, 100))
-    write_artifact(
-        path,
-        "encode",
-        {
-            "theta": theta.astype(np.float32),
-            "betas": rng.normal(size=(len(SUBJECTS), 10)).astype(np.float32),
-            "latents": latents.astype(np.float32),
-            "latents_pca": (1e-3 * latents[:, ::-1]).astype(np.float32),
-            "latents_dmpl": (1e-3 * latents[:, 8:0:-1]).astype(np.float32),
-        },
-        units={
-            "theta": "rad, then m",
-            "betas": "1",
-            "latents": "latent unit",
-            "latents_pca": "m",
-            "latents_dmpl": "m",
-        },
-        data="synthetic",
-        sequences=to_manifest(sequences),
-    )
+    arrays = {
+        "theta": theta.astype(np.float32),
+        "betas": rng.normal(size=(len(SUBJECTS), 10)).astype(np.float32),
+        "latents": latents.astype(np.float32),
+        "latents_pca": (1e-3 * latents[:, ::-1]).astype(np.float32),
+        "latents_dmpl": (1e-3 * latents[:, 8:0:-1]).astype(np.float32),
+    }
+    put(path, arrays, sequences)
 
 
 def _smooth_walk(rng: np.random.Generator, length: int) -> NDArray:

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.motion import MotionSequence, to_manifest
+from bridge.motion import MotionSequence
 from bridge.motion.sequences import Split
-from bridge.runs import write_artifact
 from bridge.tissue.node_clips import NodeClip
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import node_loads
@@ -24,6 +23,7 @@ from bridge.tissue.trained_plus import (
     static_features,
 )
 from dsnet.verify.reference.oscillators import node_offsets
+from tests.forged.artifacts import put
 
 HZ = 5.5
 TRUE = {
@@ -125,13 +125,5 @@ def write_aligned(
         "theta": np.concatenate(theta),
         "offsets": np.concatenate(offsets) + np.array([0.0, 0.0, misfit_m], np.float32),
     }
-    units = {"betas": "1", "theta": "rad, then m", "offsets": "m"}
-    write_artifact(
-        path,
-        kind,
-        arrays,
-        units=units,
-        data="synthetic",
-        sequences=to_manifest(sequences),
-        **record,
-    )
+    assert path.name == kind
+    put(path, arrays, sequences, **record)

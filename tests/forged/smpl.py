@@ -1,18 +1,15 @@
-"""SMPL model files of every variety that is distributed, forged from a free body."""
+"""SMPL's own files, forged from a free body of its size."""
 
 from __future__ import annotations
 
 import io
-import pickle
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from bridge.body import BodyModelData
-from tests.forged.python2_pickle import Ch, python2_pickle, sliced
+from tests.forged.python2_pickle import Ch, sliced
 
 Fields = dict[str, Any]
 
@@ -41,13 +38,6 @@ def smpl_fields(body: BodyModelData) -> Fields:
     }
 
 
-def with_components(fields: Fields, count: int) -> Fields:
-    """Shape components beyond the first ten."""
-    more = np.full((6890, 3, count), 0.5, dtype=np.float32)
-    more[:, :, :10] = fields["shapedirs"]
-    return fields | {"shapedirs": more}
-
-
 def as_chumpy(fields: Fields) -> Fields:
     """As version 1.0.0 stores it: shapes are a slice of more, the template may be a `Ch`."""
     shapes = fields["shapedirs"]
@@ -63,39 +53,3 @@ def npz(fields: Fields) -> bytes:
     file = io.BytesIO()
     np.savez(file, **fields)
     return file.getvalue()
-
-
-def _dense(fields: Fields) -> Fields:
-    return fields | {"J_regressor": fields["J_regressor"].toarray()}
-
-
-VARIETIES: dict[str, tuple[str, Callable[[Fields], bytes]]] = {
-    "v1.0.0, protocol 0": (
-        "basicModel_f_lbs_10_207_0_v1.0.0.pkl",
-        lambda fields: python2_pickle(as_chumpy(fields), 0),
-    ),
-    "v1.0.0, protocol 2": (
-        "basicModel_f_lbs_10_207_0_v1.0.0.pkl",
-        lambda fields: python2_pickle(as_chumpy(fields), 2),
-    ),
-    "v1.1.0": (
-        "basicmodel_f_lbs_10_207_0_v1.1.0.pkl",
-        lambda fields: python2_pickle(with_components(fields, 300), 2),
-    ),
-    "v1.1.0 of a newer SciPy": (
-        "basicmodel_f_lbs_10_207_0_v1.1.0.pkl",
-        lambda fields: python2_pickle(fields, 2, "scipy.sparse._csc"),
-    ),
-    "saved again by Python 3": ("SMPL_FEMALE.pkl", pickle.dumps),
-    "npz": ("SMPL_FEMALE.npz", lambda fields: npz(_dense(fields))),
-    "npz, 300 components": ("SMPL_FEMALE.npz", lambda f: npz(with_components(_dense(f), 300))),
-    "npz of a pickle": ("SMPL_FEMALE.npz", npz),
-}
-
-
-def forge_smpl(folder: Path, variety: str, body: BodyModelData) -> Path:
-    """Write `body` as the variety's file into `folder`, under the name that it comes with."""
-    name, encode = VARIETIES[variety]
-    path = folder / name
-    path.write_bytes(encode(smpl_fields(body)))
-    return path

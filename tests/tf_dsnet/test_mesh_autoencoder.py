@@ -12,11 +12,7 @@ from dsnet.verify import draws
 from dsnet.verify.draws import SMALL_WIDTHS as WIDTHS
 from dsnet.verify.reference import mesh_autoencoder as reference
 from tf_dsnet.framework import keras
-from tf_dsnet.mesh_autoencoder import (
-    KerasMeshAutoencoder,
-    assign_weights,
-    named_weights,
-)
+from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, assign_weights, named_weights
 
 
 def small() -> KerasMeshAutoencoder:
@@ -41,12 +37,6 @@ def test_encoder_and_decoder_are_the_references(values):
     found = network.decoder(latents)
     np.testing.assert_allclose(found, outputs["to_coordinates"], atol=2e-5)
     np.testing.assert_array_equal(network.model(values), found)
-
-
-def test_batch_equals_singles(values):
-    network = small()
-    singles = np.concatenate([network.encoder(values[i : i + 1]) for i in range(len(values))])
-    np.testing.assert_allclose(network.encoder(values), singles, atol=1e-5)
 
 
 def test_full_network_has_the_papers_parameters():

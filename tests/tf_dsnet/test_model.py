@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.exchange import load_weights, save_weights
 from dsnet.verify.reference import dsnet as reference
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.model import (
@@ -22,35 +21,11 @@ from tf_dsnet.model import (
     sum_of_distances,
 )
 
-SHAPES = {
-    "fc_enc_1/kernel": (79, 64),
-    "fc_enc_1/bias": (64,),
-    "fc_enc_2/kernel": (64, 128),
-    "fc_enc_2/bias": (128,),
-    "lstm/kernel": (128, 240),
-    "lstm/recurrent_kernel": (60, 240),
-    "lstm/bias": (240,),
-    "batch_norm/gamma": (60,),
-    "batch_norm/beta": (60,),
-    "batch_norm/moving_mean": (60,),
-    "batch_norm/moving_variance": (60,),
-    "fc_enc_3/kernel": (60, 100),
-    "fc_enc_3/bias": (100,),
-}
-
 
 @pytest.mark.parametrize("masked", [False, True])
 def test_parameter_counts_are_the_papers(masked):
     model = build_dsnet(masked=masked)
     assert parameter_counts(model) == {"dsnet": 65_140, "dsnet_trainable": 65_020}
-    assert {name: array.shape for name, array in named_weights(model).items()} == SHAPES
-
-
-def test_activations_are_those_of_section_5():
-    model = build_dsnet()
-    assert model.get_layer("fc_enc_1").activation is keras.activations.linear
-    assert model.get_layer("fc_enc_2").activation is keras.activations.tanh
-    assert model.get_layer("fc_enc_3").activation is keras.activations.linear
 
 
 def test_network_computes_what_the_float64_reference_does(weights):
@@ -60,12 +35,6 @@ def test_network_computes_what_the_float64_reference_does(weights):
     wide = {name: array.astype(np.float64) for name, array in weights.items()}
     expected = reference.predict(wide, motion.astype(np.float64))["fc_enc_3"]
     np.testing.assert_allclose(model(motion, training=False), expected, rtol=1e-5, atol=2e-5)
-
-
-def test_weights_survive_a_file_bit_for_bit(weights, tmp_path):
-    model = build_dsnet()
-    save_weights(tmp_path / "w.safetensors", weights)
-    assign_weights(model, load_weights(tmp_path / "w.safetensors"))
     for name, array in named_weights(model).items():
         np.testing.assert_array_equal(array, weights[name])
 
@@ -79,26 +48,15 @@ def test_foreign_weights_are_refused(weights):
         assign_weights(build_dsnet(), wrong)
 
 
-def run_python(code: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-
-
 def test_network_loads_no_torch_whatever_keras_is_told_and_says_nothing():
-    done = run_python(
+    code = (
         "import os, sys; os.environ['KERAS_BACKEND'] = 'torch'\n"
         "import tf_dsnet, dsnet.stages.stage_train, dsnet.stages.stage_infer, numpy\n"
         "tf_dsnet.build_dsnet()(numpy.zeros((1, 2, 79), 'f4'))\n"
         "sys.exit('torch' in sys.modules)"
     )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-def test_streaming_loads_no_framework():
-    done = run_python(
-        "import sys; from tf_dsnet import StreamingPredictor\n"
-        "sys.exit(bool({'torch', 'tensorflow', 'keras'} & set(sys.modules)))"
-    )
-    assert done.returncode == 0, done.stderr
 
 
 RNG = np.random.default_rng(0)
@@ -114,23 +72,17 @@ def gradient(target, predicted, real=None):
     return np.asarray(tape.gradient(loss, variable))
 
 
-def test_loss_is_the_sum_over_time_of_unsquared_distances():
-    expected = np.linalg.norm(PREDICTED - TARGET, axis=-1).sum(axis=1).mean()
-    np.testing.assert_allclose(sum_of_distances(TARGET, PREDICTED), expected, rtol=1e-12)
-
-
-def test_masked_loss_counts_real_frames_only():
+def test_loss_is_the_sum_over_time_of_unsquared_distances_of_real_frames():
     distances = np.linalg.norm(PREDICTED - TARGET, axis=-1)
+    whole = distances.sum(axis=1).mean()
+    np.testing.assert_allclose(sum_of_distances(TARGET, PREDICTED), whole, rtol=1e-12)
+    expected = (PREDICTED - TARGET) / distances[..., None]
+    np.testing.assert_allclose(gradient(TARGET, PREDICTED), expected / 3, rtol=1e-12)
     expected = sum(distances[clip, :length].sum() for clip, length in enumerate((7, 4, 1))) / 3
     np.testing.assert_allclose(
         sum_of_distances(TARGET, PREDICTED, REAL_FRAMES), expected, rtol=1e-12
     )
     assert not gradient(TARGET, PREDICTED, REAL_FRAMES)[~REAL].any()
-
-
-def test_gradient_is_a_unit_vector_a_clip():
-    expected = (PREDICTED - TARGET) / np.linalg.norm(PREDICTED - TARGET, axis=-1, keepdims=True)
-    np.testing.assert_allclose(gradient(TARGET, PREDICTED), expected / 3, rtol=1e-12)
 
 
 def test_gradient_is_finite_at_and_near_zero():
@@ -219,13 +171,3 @@ def test_a_mask_is_left_to_keras():
     x, real = sequences(2, 6), tf.constant([[True] * 6, [True] * 3 + [False] * 3])
     expected, got = (layer(x, mask=real) for layer in pair())
     np.testing.assert_allclose(got, expected, rtol=1e-5, atol=1e-6)
-
-
-def test_dsnet_is_the_same_with_either(weights):
-    motion = np.random.default_rng(0).normal(size=(3, 50, 79)).astype(np.float32)
-    latents = []
-    for layer in (keras.layers.LSTM, BlockLSTM):
-        model = build_dsnet(lstm_layer=layer)
-        assign_weights(model, weights)
-        latents.append(model(motion, training=False))
-    np.testing.assert_allclose(latents[1], latents[0], rtol=1e-5, atol=1e-4)

@@ -81,18 +81,6 @@ def test_layer_is_the_sheet_for_several_people_at_once(body, nodes, taps, ahead)
         np.testing.assert_allclose(found[:, :, column], rolled[1:], atol=1e-5)
 
 
-def test_weights_as_arrays_hold_each_nodes_base_and_deviation(nodes):
-    layer = drawn_layer(nodes, 3)
-    weights = layer.weights_as_arrays()
-    assert weights.taps.sum() == pytest.approx(1.0, abs=1e-6)
-    assert weights.residual.shape == (PEOPLE, NODES, 1)
-    by_path = {name: v.numpy() for name, v in named(layer).items()}
-    for name, array in weights.base.items():
-        assert array.shape == (NODES, 1)
-        expected = by_path[f"log_{name}"] + by_path[f"by_node_{name}"]
-        np.testing.assert_allclose(array, expected, rtol=1e-6)
-
-
 class Sloped(NamedTuple):
     """A layer's weights by name, a loss, and its gradient by each of them."""
 

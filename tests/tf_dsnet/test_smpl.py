@@ -56,12 +56,6 @@ def test_rest_pose_parts_are_the_references(smpl, body):
     np.testing.assert_allclose(rest, rest_vertices(body, betas, pose), atol=1e-12)
 
 
-def test_batch_equals_singles(smpl):
-    arguments = bodies(3, None, count=3)
-    singles = [smpl(*(argument[i : i + 1] for argument in arguments)) for i in range(3)]
-    np.testing.assert_allclose(smpl(*arguments), np.concatenate(singles), atol=1e-13)
-
-
 @pytest.mark.parametrize("angle", [None, 0.0, np.pi])
 def test_gradient_along_a_direction(smpl, angle):
     arguments = [tf.constant(argument) for argument in bodies(4, angle, count=1)]

@@ -94,13 +94,6 @@ def test_stage_predicts_every_frame_by_both_predictors(trained, encoded_run):
     }
 
 
-def test_a_run_with_one_predictor_is_predicted_by_it(encoded_run, trained_dsnet):
-    write_trained(encoded_run, {"dsnet_standardised": trained_dsnet.arrays()})
-    stage_infer.main(InferConfig("tiny"))
-    made = read_artifact(encoded_run / "infer")
-    assert set(made.manifest["arrays"]) == {"theta", "betas", "latents_dsnet_standardised"}
-
-
 @pytest.mark.parametrize(("source", "used"), [("synthetic", 1.0), ("AMASS", 0.0)])
 def test_people_in_a_flat_amass_folder_keep_their_own_shapes(
     trained, encoded_run, tmp_path, monkeypatch, source, used
@@ -223,14 +216,6 @@ def one_motion(encoded_run, monkeypatch):
         return encoded, path, dict(stored)
 
 
-def test_a_motion_that_falls_as_nobody_can_is_told(encoded_run, monkeypatch, capsys):
-    encoded, path, arrays = one_motion(encoded_run, monkeypatch)
-    arrays["trans"][:, 2] += 0.25 * np.abs(np.sin(np.arange(51) / 8))
-    save(path, arrays)
-    run_motions.gather(encoded, Run("tiny"), [path])
-    assert "falls with" in capsys.readouterr().err
-
-
 def test_a_folder_is_played_at_the_rate_that_is_asked_for(encoded_run, monkeypatch, capsys):
     encoded, path, _ = one_motion(encoded_run, monkeypatch)
     *_, stored = run_motions.gather(encoded, Run("tiny"), [path]).sequences
@@ -263,16 +248,6 @@ def test_predictors_are_loaded_where_they_are_sent(trained):
     there = pickle.loads(pickle.dumps(TrainedNetworks(trained, ("dsnet_faithful",), Path)))
     assert "by_name" not in vars(there)
     assert list(there.by_name) == ["dsnet_faithful"]
-
-
-def test_empty_folder_and_unknown_run_are_refused(trained, encoded_run, tmp_path, monkeypatch):
-    monkeypatch.setattr(run_motions, "body_model_path", lambda run: "embedded:female")
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(DsnetError, match=r"no \.npz"):
-        stage_infer.main(InferConfig("tiny", amass=tmp_path / "empty"))
-    with pytest.raises(DsnetError, match="unknown run 'nope'"):
-        stage_infer.main(InferConfig("nope"))
-    assert not (encoded_run / "infer").exists()
 
 
 def run_with_plus(runs: Path, monkeypatch: pytest.MonkeyPatch, *, static: bool) -> Path:

@@ -17,11 +17,10 @@ from bridge.body import load_body_model
 from bridge.exchange import load_weights
 from bridge.exchange.dsnet import load_trained_dsnet
 from bridge.exchange.train_options import settings_of
-from bridge.options import check_options
 from bridge.runs import Run, read_artifact, write_artifact
 from dsnet.stages import stage_infer, stage_train
 from dsnet.stages.stage_infer import InferConfig
-from dsnet.stages.stage_train import PROFILES, TrainConfig
+from dsnet.stages.stage_train import TrainConfig
 from tests.forged.plus import soft_flesh, write_plus
 from tests.tf_dsnet.curves import read_curve
 from tests.tf_dsnet.plus import TINY as PLUS_TINY
@@ -298,13 +297,6 @@ def test_networks_of_other_latents_do_not_stay(trained_run, with_gru, capsys):
     assert ", ".join(sorted(BOTH)) in capsys.readouterr().err
 
 
-def test_unknown_run_is_one_line(runs):
-    with pytest.raises(DsnetError, match="unknown run 'nope'") as caught:
-        stage_train.main(replace(TINY, run="nope"))
-    assert "\n" not in str(caught.value)
-    assert not runs.exists()
-
-
 @pytest.mark.parametrize(
     ("names", "said"),
     [
@@ -378,15 +370,6 @@ def test_without_a_robust_alignment_the_networks_are_trained_alone(trained_run, 
     assert not (trained_run / "train_plus").exists()
 
 
-@pytest.mark.parametrize(
-    "change",
-    [{"epochs": 0}, {"frames": 0}, {"lr_standardised": math.inf}, {"min_input_std": -1.0}],
-)
-def test_senseless_numbers_are_refused_before_any_work(change):
-    with pytest.raises(DsnetError, match="Pass --"):
-        check_options(replace(TINY, **change))
-
-
 def test_weights_that_are_not_finite_are_one_line_and_leave_nothing(encoded_run):
     with pytest.raises(DsnetError, match=r"weights .* of dsnet_faithful with NaN") as caught:
         stage_train.main(replace(TINY, lr_faithful=1e38))
@@ -399,11 +382,3 @@ def test_a_loss_that_is_not_finite_names_its_epoch(encoded_run, monkeypatch):
     with pytest.raises(DsnetError, match="with a loss of nan in epoch 1"):
         stage_train.main(TINY)
     assert not list(encoded_run.glob("*train*"))
-
-
-def test_profiles_train_both_predictors_and_keep_the_papers_settings():
-    for config in PROFILES.values():
-        assert config.predictors == ()
-        assert stage_train.plus_config(config).run == config.run
-        assert (config.frames, config.batch_size, config.lr_faithful) == (300, 16, 1e-4)
-        assert not config.masked

@@ -14,7 +14,6 @@ from bridge import DsnetError
 from bridge.body import BodyModelData
 from bridge.exchange import load_weights
 from bridge.exchange.train_options import TrainPlusConfig
-from bridge.options import check_options
 from bridge.runs import read_artifact
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.shape import shape_features
@@ -67,13 +66,10 @@ def explained(found: np.ndarray, expected: np.ndarray) -> float:
     return 1 - float(np.square(found - expected).sum() / np.square(expected).sum())
 
 
-def test_the_loss_falls(trained):
+def test_the_loss_falls_and_the_frequency_is_found(trained, truth, body):
     losses = trained[1]
     assert len(losses) == SETTINGS.rounds * SETTINGS.steps
     assert np.mean(losses[-5:]) < 0.1 * losses[0]
-
-
-def test_the_frequency_is_found(trained, truth, body):
     for betas in (np.zeros(10), *people_of(4)):
         found = coefficients(trained[0], body, betas).omega / (2 * np.pi)
         expected = coefficients(truth, body, betas).omega / (2 * np.pi)
@@ -240,13 +236,6 @@ def test_killed_stage_resumes_bit_identically(runs, monkeypatch, killed_in):
     assert read_artifact(run / "train_plus").content_sha256 == whole.content_sha256
 
 
-def test_a_current_result_is_kept(run, monkeypatch):
-    teach_nothing(monkeypatch)
-    train(replace(TINY, rounds=1))
-    monkeypatch.setattr(PlusTraining, "round", lambda *_: pytest.fail("trained again"))
-    train(replace(TINY, rounds=1))
-
-
 def test_the_papers_alignment_is_refused_in_one_line(runs, monkeypatch):
     run = forge_run(runs, monkeypatch, kind="align", config={"aligner": "sgd"})
     with pytest.raises(DsnetError, match="without an alignment by the robust aligner") as caught:
@@ -275,9 +264,3 @@ def test_a_loss_that_is_not_finite_names_its_round(run, monkeypatch):
     with pytest.raises(DsnetError, match="with a loss of nan in round 1"):
         train()
     assert not list(run.glob("*train_plus*"))
-
-
-@pytest.mark.parametrize("change", [{"rounds": 0}, {"nodes": 0}, {"lr": math.inf}, {"taps": 0}])
-def test_senseless_numbers_are_refused_before_any_work(change):
-    with pytest.raises(DsnetError, match="Pass --"):
-        check_options(replace(TINY, **change))

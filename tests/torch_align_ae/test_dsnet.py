@@ -92,14 +92,6 @@ def test_ten_steps_of_training_are_the_references(network, weights, batch, maske
         np.testing.assert_allclose(array, weights[name], atol=1e-10, err_msg=name)
 
 
-def test_the_second_bias_is_never_trained(network, batch):
-    motion, latents, _ = tensors(batch)
-    adam = KerasAdam(network.parameters())
-    sum_of_distances(latents, network(motion)).backward()
-    adam.step()
-    assert not torch.any(network.state_dict()["lstm.bias_hh_l0"])
-
-
 def test_the_epsilon_is_kerass(batch):
     """With tiny gradients the epsilon decides: PyTorch's place for it gives another step."""
     parameter = torch.nn.Parameter(torch.zeros(1, dtype=torch.float64))

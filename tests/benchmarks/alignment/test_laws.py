@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.alignment import laws
-from bridge.motion import MotionSequence, to_manifest
-from bridge.runs import Run, write_artifact
-
-
-def write(run: Run, kind: str, arrays: dict[str, np.ndarray], **record: Any) -> None:
-    units = dict.fromkeys(arrays, "m")
-    write_artifact(run.path / kind, kind, arrays, units=units, data="synthetic", **record)
+from bridge.motion import MotionSequence
+from bridge.runs import Run
+from tests.forged.artifacts import put
 
 
 def test_the_sequence_that_is_given_back_least_is_named(tmp_path, monkeypatch):
@@ -24,10 +19,10 @@ def test_the_sequence_that_is_given_back_least_is_named(tmp_path, monkeypatch):
     run, frames = Run("bed"), 4
     names = ("50004_hips", "50004_punching")
     forward, backward = (
-        to_manifest(
+        [
             MotionSequence(name, "50004", name[6:], frames * row, frames, 60.0)
             for row, name in enumerate(order)
-        )
+        ]
         for order in (names, names[::-1])
     )
     true_m = np.random.default_rng(0).normal(size=(2 * frames, 5, 3)).astype(np.float32)
@@ -35,9 +30,9 @@ def test_the_sequence_that_is_given_back_least_is_named(tmp_path, monkeypatch):
     aligned_m[frames:] /= 2
     config = {"tissue": "second", "form": "clean", "gender": "male"}
     turned_m = np.concatenate([true_m[frames:], true_m[:frames]])
-    write(run, "corpus", {}, sequences=forward, config=config)
-    write(run, "truth", {"offsets": turned_m}, sequences=backward)
-    write(run, "align", {"offsets": aligned_m}, sequences=forward, config={"aligner": "robust"})
+    put(run.path / "corpus", {}, forward, config=config)
+    put(run.path / "truth", {"offsets": turned_m}, backward)
+    put(run.path / "align", {"offsets": aligned_m}, forward, config={"aligner": "robust"})
     out = tmp_path / "laws.json"
     laws.main(laws.LawsConfig(out, ("bed",)))
     found = json.loads(out.read_text())["runs"]["bed"]

@@ -11,9 +11,10 @@ from benchmarks.prediction.comparison_rivals import rival_path, with_rivals
 from benchmarks.rivals import __main__ as command
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
-from bridge.motion import MotionSequence, to_manifest
+from bridge.motion import MotionSequence
 from bridge.motion.splits import CELLS
-from bridge.runs import Run, write_artifact
+from bridge.runs import Run
+from tests.forged.artifacts import put
 
 SEQUENCES = [
     MotionSequence("50004_one_leg_jump", "50004", "one_leg_jump", 0, 8, 60.0, "validation"),
@@ -24,6 +25,7 @@ SEQUENCES = [
     MotionSequence("99001_kicking", "99001", "kicking", 43, 9, 60.0, "test"),
 ]
 ALIGNED, FRAMES = 16, 52
+CONFIG = {"smpl": None, "aligner": "robust"}
 
 
 class Halfway:
@@ -61,19 +63,17 @@ def run(tmp_path, monkeypatch):
     theta = np.zeros((FRAMES, 69), np.float32)
     theta[:, 67] = rng.normal(size=FRAMES).cumsum() / 20
     betas, offsets = rng.normal(size=(2, 10)).astype(np.float32), swing_m(theta)
-    put("truth", {"theta": theta, "betas": betas, "offsets": offsets}, SEQUENCES)
+    put(
+        Run("toy").path / "truth",
+        {"theta": theta, "betas": betas, "offsets": offsets},
+        SEQUENCES,
+        config=CONFIG,
+    )
     aligned = {"theta": theta[:ALIGNED], "betas": betas[:1], "offsets": offsets[:ALIGNED]}
     aligned["frame_error"] = np.zeros(ALIGNED, np.float32)
-    put("align", aligned, SEQUENCES[:2])
-    put("infer_plus", {"theta": theta, "betas": betas}, SEQUENCES)
+    put(Run("toy").path / "align", aligned, SEQUENCES[:2], config=CONFIG)
+    put(Run("toy").path / "infer_plus", {"theta": theta, "betas": betas}, SEQUENCES, config=CONFIG)
     return tmp_path
-
-
-def put(stage, arrays, sequences):
-    write_artifact(
-        Run("toy").path / stage, stage, arrays, units=dict.fromkeys(arrays, "1"), data="synthetic",
-        sequences=to_manifest(sequences), config={"smpl": None, "aligner": "robust"},
-    )  # fmt: skip
 
 
 def test_a_rival_is_scored_in_the_four_cells_on_the_clips_of_the_comparison(run):

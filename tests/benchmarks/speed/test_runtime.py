@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from benchmarks.speed import graphs, limits, peers
-from benchmarks.speed.limits import GraphCall, operations_bytes
 from benchmarks.speed.runtime import RuntimeBenchConfig, main
 from bridge import DsnetError
 from dsnet.verify.draws import SMALL_WIDTHS
@@ -30,17 +29,6 @@ def test_every_part_has_its_ratios(tmp_path, monkeypatch):
     for name in (*PARTS, *WHOLE):
         assert min(found[name].values()) > 0
         assert found[name]["operations_move_mb"] > found[name]["must_move_mb"]
-
-
-def test_bytes_of_a_product_and_a_sum_are_those_of_their_arrays():
-    kernel = np.ones((30, 40), np.float32)
-    model = graphs.graph_of(
-        lambda g: g.apply("Tanh", g.input("x", ("B", 30)) @ g.array("kernel", kernel))
-    )
-    rng = np.random.default_rng(0)
-    given, product = 7 * 30, 7 * 40
-    assert GraphCall(model, rng, 7, 1).given_and_found_bytes() == 4 * (given + product)
-    assert operations_bytes(model, rng, 7) == 4 * (given + 3 * product)
 
 
 def test_what_differs_is_not_compared():

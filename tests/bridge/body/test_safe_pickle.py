@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -33,11 +32,6 @@ class Intruder:
         return os.mkdir, (str(self.trace), 0o700)
 
 
-def test_the_intruder_works_in_a_plain_unpickler(tmp_path: Path) -> None:
-    pickle.loads(pickle.dumps(Intruder(tmp_path / "trace")))
-    assert (tmp_path / "trace").exists()
-
-
 @pytest.mark.parametrize("nested", [lambda intruder: intruder, Ch], ids=["bare", "in a Ch"])
 @pytest.mark.parametrize("suffix", [".pkl", ".npz"])
 def test_malicious_pickle_is_refused_and_not_run(
@@ -53,57 +47,45 @@ def test_malicious_pickle_is_refused_and_not_run(
 
 
 @pytest.mark.parametrize(
-    "payload",
+    ("payload", "complaint"),
     [
-        b"cbuiltins\neval\n(S'1'\ntR.",
-        b"cnumpy\nload\n(S'x'\ntR.",
-        b"cnumpy.core.multiarray\nfromfile\n(S'x'\ntR.",
-        b"ccopy_reg\n_reconstructor\n(cnumpy\nndarray\nc__builtin__\nobject\nNtR.",
-        b"c_codecs\nencode\n(S'x'\nS'rot13'\ntR.",
-        b"cscipy.sparse.csc\nos\n.",
+        (b"cbuiltins\neval\n(S'1'\ntR.", "it asks"),
+        (b"cnumpy\nload\n(S'x'\ntR.", "it asks"),
+        (b"cnumpy.core.multiarray\nfromfile\n(S'x'\ntR.", "it asks"),
+        (b"ccopy_reg\n_reconstructor\n(cnumpy\nndarray\nc__builtin__\nobject\nNtR.", "it asks"),
+        (b"c_codecs\nencode\n(S'x'\nS'rot13'\ntR.", "it asks"),
+        (b"cscipy.sparse.csc\nos\n.", "it asks"),
+        (b"cnumpy\nndarray\n((L1000000000000000L\nttR.", "read safely"),
+        (b"(" * 5000, "read safely"),
+        (_REST + b"S'v_template'\ncchumpy.ch\nCh\n)\x81p0\n}S'a'\ng0\nsS'idxs'\nI0\nsbs.",
+         "read safely"),
+        (_REST + b"S'v_template'\ncchumpy.ch\nCh\n)\x81s.", "read safely"),
     ],
-)
-def test_other_gadgets_are_refused(tmp_path: Path, payload: bytes) -> None:
-    path = tmp_path / "model.pkl"
-    path.write_bytes(payload)
-    with pytest.raises(DsnetError, match="it asks"):
-        load_body_model(path)
+    ids=["eval", "load", "fromfile", "class", "codec", "module", "petabytes", "nested", "loop",
+         "stateless"],
+)  # fmt: skip
+def test_other_gadgets_are_refused(tmp_path: Path, payload: bytes, complaint: str) -> None:
+    (tmp_path / "model.pkl").write_bytes(payload)
+    with pytest.raises(DsnetError, match=complaint):
+        load_body_model(tmp_path / "model.pkl")
 
 
-@pytest.mark.parametrize(
-    "payload",
-    [
-        pytest.param(b"cnumpy\nndarray\n((L1000000000000000L\nttR.", id="petabytes"),
-        pytest.param(b"(" * 5000, id="nested"),
-        pytest.param(
-            _REST + b"S'v_template'\ncchumpy.ch\nCh\n)\x81p0\n}S'a'\ng0\nsS'idxs'\nI0\nsbs.",
-            id="loop",
-        ),
-        pytest.param(_REST + b"S'v_template'\ncchumpy.ch\nCh\n)\x81s.", id="stateless"),
-    ],
-)
-def test_exhausting_pickles_are_refused(tmp_path: Path, payload: bytes) -> None:
-    path = tmp_path / "model.pkl"
-    path.write_bytes(payload)
-    with pytest.raises(DsnetError, match="cannot be read safely"):
-        load_body_model(path)
-
-
-def test_sparse_indices_out_of_range_are_refused(female: BodyModelData, tmp_path: Path) -> None:
-    fields = smpl_fields(female)
+def _beyond_columns(fields: dict[str, Any]) -> dict[str, Any]:
     matrix = fields["J_regressor"].copy()
     matrix.indices[0] = 10**6
-    path = tmp_path / "model.pkl"
-    path.write_bytes(pickle.dumps(fields | {"J_regressor": matrix}, protocol=2))
-    with pytest.raises(DsnetError, match="cannot be read safely"):
-        load_body_model(path)
+    return fields | {"J_regressor": matrix}
 
 
-def test_chumpy_indices_out_of_range_are_refused(female: BodyModelData, tmp_path: Path) -> None:
-    fields = smpl_fields(female)
-    path = tmp_path / "model.pkl"
+def _beyond_elements(fields: dict[str, Any]) -> dict[str, Any]:
     select = Ch(np.zeros(3))
     select.__dict__.update(a=Ch(np.zeros(3)), idxs=np.array([3]))
-    path.write_bytes(python2_pickle(fields | {"v_template": select}))
+    return fields | {"v_template": select}
+
+
+@pytest.mark.parametrize("edit", [_beyond_columns, _beyond_elements])
+def test_indices_out_of_range_are_refused(
+    female: BodyModelData, tmp_path: Path, edit: Callable[[dict[str, Any]], dict[str, Any]]
+) -> None:
+    (tmp_path / "model.pkl").write_bytes(python2_pickle(edit(smpl_fields(female))))
     with pytest.raises(DsnetError, match="cannot be read safely"):
-        load_body_model(path)
+        load_body_model(tmp_path / "model.pkl")

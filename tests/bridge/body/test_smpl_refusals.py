@@ -39,7 +39,11 @@ def with_nan(array: np.ndarray) -> np.ndarray:
         ("v_template", with_nan, "v_template has 1 values that are NaN"),
         ("v_template", lambda a: a.astype("U8"), "not numeric"),
         ("f", lambda a: a + 1, "faces index vertices"),
+        ("f", lambda a: a + 0.5, "f has fractions"),
+        ("J_regressor", lambda a: a * 0.5, "rows of J_regressor"),
+        ("posedirs", lambda a: np.where(a == a[0, 0, 0], np.inf, a), "posedirs has 1 values"),
         ("kintree_table", lambda a: a[::-1], "another skeleton"),
+        ("kintree_table", lambda a: np.where(a == 3, 7, a), "another skeleton"),
     ],
 )
 @pytest.mark.parametrize("suffix", [".npz", ".pkl"])

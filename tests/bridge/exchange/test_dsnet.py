@@ -14,7 +14,6 @@ from bridge.exchange.dsnet import (
     UnpaddedClip,
     dsnets_of,
     fit_scaling,
-    join_inputs,
     load_trained_dsnet,
     load_unpadded_clips,
     make_clips,
@@ -34,12 +33,6 @@ def test_sequences_are_padded_or_clipped(length, wanted):
         np.testing.assert_array_equal(block[:length], frames[:wanted])
         assert not block[length:].any()
     assert clips.real[0].sum() == min(length, wanted)
-
-
-def test_betas_stand_before_theta():
-    joined = join_inputs(np.full((4, 69), 2.0), np.arange(10.0))
-    np.testing.assert_array_equal(joined[:, :10], np.tile(np.arange(10.0), (4, 1)))
-    np.testing.assert_array_equal(joined[:, 10:], 2.0)
 
 
 def random_recordings(lengths: tuple[int, ...] = (5, 12)) -> list[UnpaddedClip]:

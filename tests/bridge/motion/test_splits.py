@@ -35,12 +35,9 @@ def test_frame_split_is_a_partition_of_floor_70_percent(count, seed):
     np.testing.assert_array_equal(
         np.sort(np.concatenate([split.train, split.validation])), np.arange(count)
     )
-
-
-def test_seed_decides_the_split():
-    one, same, other = (split_frames(np.arange(500), seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(one.train, same.train)
-    assert not np.array_equal(one.train, other.train)
+    np.testing.assert_array_equal(split_frames(np.arange(count), seed).train, split.train)
+    other = split_frames(np.arange(count), seed + 1)
+    assert count < 50 or not np.array_equal(other.train, split.train)
 
 
 def test_sequences_stay_whole():
@@ -130,10 +127,6 @@ def test_every_test_sequence_has_its_cell(subject: str, motion: str, expected: s
     found = cell_of(sequence(subject, motion), people, kinds)
     assert found == expected
     assert found in CELLS
-
-
-def test_people_and_kinds_are_those_of_training_alone() -> None:
-    assert trained_people_and_kinds(TRAINED[:2]) == ({"50004"}, {"hips"})
 
 
 @pytest.mark.parametrize(

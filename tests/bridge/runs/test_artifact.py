@@ -1,33 +1,25 @@
-"""Artifacts: what is written is read back, nothing half-written is seen, no forgery is taken."""
+"""Artifacts: what is written is read back, nothing half-written or damaged is seen."""
 
 from __future__ import annotations
 
-import hashlib
-import io
-import json
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion.sequences import sequences_of
 from bridge.runs import ArtifactWriter, Run, read_artifact, write_artifact
-from bridge.runs.artifact import content_digest
 
 UNITS = {"betas": "1", "offsets": "m"}
 
 
 def small(path, seed=0):
     rng = np.random.default_rng(seed)
-    arrays = {"betas": rng.normal(size=(2, 10)), "offsets": rng.normal(size=(3, 4, 3))}
+    arrays = {"betas": rng.normal(size=(0, 10)), "offsets": rng.normal(size=(3, 4, 3))}
     return arrays, write_artifact(path, "align", arrays, units=UNITS, data="synthetic", note="x")
 
 
@@ -36,7 +28,7 @@ def test_round_trip_maps_arrays_and_describes_them(tmp_path):
     artifact = read_artifact(tmp_path / "align", "align")
     for name, array in arrays.items():
         read = artifact.array(name)
-        assert isinstance(read, np.memmap)
+        assert isinstance(read, np.memmap) or not read.size
         np.testing.assert_array_equal(read, array)
         assert artifact.manifest["arrays"][name]["unit"] == UNITS[name]
     assert artifact.manifest["note"] == "x"
@@ -51,16 +43,6 @@ def test_content_digest_ignores_provenance_only(tmp_path):
     assert first.content_sha256 == second.content_sha256 != other.content_sha256
 
 
-def test_verify_finds_one_changed_byte(tmp_path):
-    _, artifact = small(tmp_path / "align")
-    path = tmp_path / "align" / "offsets.npy"
-    content = bytearray(path.read_bytes())
-    content[-1] ^= 1
-    path.write_bytes(content)
-    with pytest.raises(DsnetError, match=r"offsets\.npy"):
-        artifact.verify()
-
-
 def test_an_unfinished_artifact_cannot_be_read(tmp_path):
     writer = ArtifactWriter(tmp_path / "align", "align", data="synthetic")
     writer.put("betas", np.zeros((2, 10)), "1")
@@ -68,18 +50,15 @@ def test_an_unfinished_artifact_cannot_be_read(tmp_path):
         read_artifact(tmp_path / "align")
 
 
-def test_empty_arrays_are_kept(tmp_path):
-    write_artifact(tmp_path / "a", "k", {"x": np.zeros((0, 3))}, units={"x": "m"}, data="synthetic")
-    assert read_artifact(tmp_path / "a").array("x").shape == (0, 3)
-
-
 @pytest.mark.parametrize(
     ("break_it", "word"),
     [
         (lambda p: (p / "manifest.json").write_text("{"), "JSON"),
         (lambda p: (p / "manifest.json").write_text("{}"), "schema"),
-        (lambda p: (p / "manifest.json").write_text("[]"), "schema"),
-        (lambda p: (p / "manifest.json").write_text("[" * 100_000), "JSON"),
+        *(
+            (lambda p, text=text: (p / "manifest.json").write_bytes(text), r"schema|is not JSON")
+            for text in (b"[]", b"5", b"null", b"NaN", b"[" * 100_000, b"\xff", b" " * (17 << 20))
+        ),
         (lambda p: (p / "offsets.npy").unlink(), r"offsets\.npy with SHA-256 no file"),
         (lambda p: (p / "offsets.npy").write_bytes(b"\x93NUMPY"), r"offsets\.npy with SHA-256"),
         (lambda p: np.save(p / "offsets.npy", np.zeros(3)), r"offsets\.npy with SHA-256"),
@@ -234,14 +213,6 @@ def test_run_names_are_plain_folder_names(name):
         Run(name)
 
 
-def test_manifest_is_plain_json_with_provenance_apart(tmp_path):
-    _, artifact = small(tmp_path / "align")
-    manifest = json.loads((artifact.path / "manifest.json").read_text())
-    assert {"command", "finished_utc", "wall_time_s", "machine", "versions"} <= set(
-        manifest["provenance"]
-    )
-
-
 def flip(path, position=-1):
     content = bytearray(path.read_bytes())
     content[position] ^= 1
@@ -249,23 +220,17 @@ def flip(path, position=-1):
 
 
 @pytest.mark.parametrize("rows", [3, 30_000])
-def test_one_changed_byte_is_named_before_an_array_is_used(rows, tmp_path, monkeypatch):
-    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
-    path = tmp_path / "r" / "s"
-    arrays = {"x": np.ones((rows, 3))}
-    artifact = write_artifact(path, "s", arrays, units={"x": "m"}, data="synthetic")
-    for _ in range(2):
-        artifact.array("x")
-    flip(path / "x.npy")
-    with pytest.raises(DsnetError, match=r"x\.npy with SHA-256"):
-        read_artifact(path).array("x")
-
-
-def test_one_changed_byte_of_a_file_is_named(tmp_path):
+def test_one_changed_byte_is_named_before_it_is_used(rows, tmp_path):
     writer = ArtifactWriter(tmp_path / "s", "s", data="synthetic")
+    writer.put("x", np.ones((rows, 3)), "m")
     writer.file_path("weights.bin").write_bytes(bytes(100))
     artifact = writer.finish()
+    assert artifact.array("x").shape == (rows, 3)
     assert artifact.file("weights.bin") == tmp_path / "s" / "weights.bin"
+    flip(tmp_path / "s" / "x.npy")
+    for used in (artifact.verify, lambda: read_artifact(tmp_path / "s").array("x")):
+        with pytest.raises(DsnetError, match=r"x\.npy with SHA-256"):
+            used()
     flip(tmp_path / "s" / "weights.bin", 50)
     with pytest.raises(DsnetError, match=r"weights\.bin with SHA-256"):
         artifact.file("weights.bin")
@@ -314,136 +279,6 @@ def test_no_stage_finishes_with_an_array_that_is_not_finite(value, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["s"]
 
 
-Manifest = dict[str, Any]
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    path = tmp_path / "align"
-    write_artifact(path, "align", {"a": np.arange(6.0)}, units={"a": "m"}, data="synthetic")
-    return path
-
-
-def forge(folder: Path, change: Callable[[Manifest], object]) -> None:
-    """Change the manifest and sign it again."""
-    path = folder / "manifest.json"
-    manifest = json.loads(path.read_text())
-    change(manifest)
-    manifest["sha256"] = content_digest(manifest)
-    path.write_text(json.dumps(manifest))
-
-
-@pytest.mark.parametrize(
-    ("change", "key"),
-    [
-        (lambda m: m.update(arrays=None), "arrays"),
-        (lambda m: m.update(data="x"), "data"),
-        (lambda m: m["arrays"]["a"].pop("shape"), "arrays"),
-        (lambda m: m["arrays"]["a"].pop("dtype"), "arrays"),
-        (lambda m: m["arrays"]["a"].update(dtype="O"), "arrays"),
-        (lambda m: m["arrays"]["a"].update(dtype="no type"), "arrays"),
-        (lambda m: m["arrays"]["a"].update(shape=[-1]), "arrays"),
-        (lambda m: m["arrays"]["a"].pop("sha256"), "arrays"),
-        (lambda m: m["arrays"].update({"../a": m["arrays"]["a"]}), "arrays"),
-        (lambda m: m["files"].update({"../x": {"sha256": ""}}), "files"),
-        (lambda m: m["files"].update({"/etc/passwd": {"sha256": ""}}), "files"),
-        (lambda m: m["files"].update({"a\n\x1b[2J": {"sha256": ""}}), "files"),
-        (lambda m: m["upstream"].update({"../../x": ""}), "upstream"),
-        (lambda m: m["upstream"].update({"x": 5}), "upstream"),
-        (lambda m: m["provenance"].update(inputs=[1]), "provenance"),
-        (lambda m: m["provenance"].update(sha256=1), "provenance"),
-        (lambda m: m["provenance"].update(sha256=[]), "provenance"),
-        (lambda m: m["provenance"].update(stamps=[]), "provenance"),
-        (lambda m: m.update(sequences={}), "sequences"),
-        (lambda m: m.update(predictors=["a"]), "predictors"),
-        (lambda m: m.update(predictors={"../a": {}}), "predictors"),
-    ],
-)
-def test_manifests_that_no_stage_wrote_are_refused(
-    folder: Path, change: Callable[[Manifest], object], key: str
-) -> None:
-    forge(folder, change)
-    with pytest.raises(DsnetError, match=f"whose '{key}' no stage wrote") as caught:
-        read_artifact(folder)
-    assert str(caught.value).isprintable()
-
-
-@pytest.mark.parametrize(
-    "text", [b"[]", b"5", b"null", b"NaN", b"[" * 100_000, b"\xff", b" " * (17 << 20)]
-)
-def test_what_is_no_manifest_is_refused(folder: Path, text: bytes) -> None:
-    (folder / "manifest.json").write_bytes(text)
-    with pytest.raises(DsnetError, match=r"schema|is not JSON"):
-        read_artifact(folder)
-
-
-@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
-def test_a_manifest_that_is_no_file_is_refused_at_once(
-    folder: Path, make: Callable[[Path], None]
-) -> None:
-    (folder / "manifest.json").unlink()
-    make(folder / "manifest.json")
-    with pytest.raises(DsnetError, match=r"has no manifest\.json"):
-        read_artifact(folder)
-
-
-def _archive() -> bytes:
-    stream = io.BytesIO()
-    np.savez(stream, a=np.arange(6.0))
-    return stream.getvalue()
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda content: content.replace(b"(6,)", b"{6,)"),
-        lambda content: content.replace(b"(6,)", b"(9,)"),
-        lambda content: content.replace(b"<f8", b"|O "),
-        lambda content: content.replace(b"<f8", b"<i8"),
-        lambda content: content[:-1],
-        lambda _: _archive(),
-        lambda _: b"",
-    ],
-)
-def test_arrays_that_are_not_what_the_manifest_says_are_refused(
-    folder: Path, change: Callable[[bytes], bytes]
-) -> None:
-    content = change((folder / "a.npy").read_bytes())
-    (folder / "a.npy").write_bytes(content)
-    digest = hashlib.sha256(content).hexdigest()
-    forge(folder, lambda m: m["arrays"]["a"].update(sha256=digest))
-    with pytest.raises(DsnetError, match=r"does not hold what manifest\.json says"):
-        read_artifact(folder).array("a")
-
-
-@pytest.mark.parametrize("entry", [{}, {"name": 5}, {"nam": "x"}])
-def test_sequences_that_are_none_are_refused(folder: Path, entry: Manifest) -> None:
-    forge(folder, lambda m: m.update(sequences=[entry]))
-    with pytest.raises(DsnetError, match="no list of sequences"):
-        sequences_of(read_artifact(folder))
-
-
-def test_a_value_that_a_stage_did_not_write_is_told(folder: Path) -> None:
-    with pytest.raises(DsnetError, match="without 'sequences'"):
-        sequences_of(read_artifact(folder))
-
-
-def test_a_stage_that_was_made_from_itself_is_refused(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("DSNET_RUNS", str(folder.parents[1]))
-    forge(folder, lambda m: m["upstream"].update(align="0"))
-    with pytest.raises(DsnetError, match="made from itself"):
-        Run(folder.parent.name).check_chain(["align"])
-
-
-def written(path: Path, at: float) -> Path:
-    """A file of a turn, last changed then."""
-    path.touch()
-    os.utime(path, (at, at))
-    return path
-
-
 @pytest.mark.parametrize("text", ["", "1", "x y", "1 2 3", "\xff"])
 def test_a_damaged_time_stops_no_work(tmp_path, text):
     first = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="a")
@@ -466,7 +301,9 @@ def test_an_artifact_tells_the_time_of_all_its_turns(tmp_path):
 
 def test_other_work_in_the_same_place_begins_anew(tmp_path):
     first = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="a")
-    written(first.checkpoints / "one", time.time() + 60)
+    (first.checkpoints / "one").touch()
+    later = time.time() + 60
+    os.utime(first.checkpoints / "one", (later, later))
     other = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="b")
     other.put("x", np.zeros(3), "m")
     assert other.finish().manifest["provenance"]["wall_time_s"] < 30

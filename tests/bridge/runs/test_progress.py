@@ -50,16 +50,9 @@ def test_a_terminal_sees_frames_rate_and_time_left(command, what, tmp_path):
 
 
 def test_a_pipe_sees_no_bar(tmp_path):
-    arguments = [
-        *DSNET,
-        "predict",
-        "--write",
-        "offsets,vertices",
-        *OF_MOTION,
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=True)
+    command = [*DSNET, "predict", "--write", "offsets,vertices", *OF_MOTION]
+    command += ["--out", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert len(done.stderr.splitlines()) == 2  # who predicts, and what was written
     assert not (tmp_path / "out" / "strip.png").exists()
     assert done.stdout == ""

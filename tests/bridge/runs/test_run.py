@@ -63,14 +63,10 @@ def test_what_is_older_than_its_source_is_refused_with_the_stages_to_run(run):
     assert str(caught.value).startswith(REMADE)
     with pytest.raises(DsnetError, match=r"whose stages encode, train are older than 'train-ae'"):
         run.artifact("train")
-    assert run.artifact("align")
-    assert run.artifact("train-ae")
-
-
-def test_several_stages_are_refused_together(run):
-    make("train-ae", value=2.0)
     with pytest.raises(DsnetError, match=r"stages encode, train, infer, decode are older"):
         run.artifacts("align", "infer", "decode")
+    assert run.artifact("align")
+    assert run.artifact("train-ae")
 
 
 def test_making_them_again_in_order_mends_the_chain(run):
@@ -89,12 +85,6 @@ def test_the_same_content_made_again_keeps_the_chain(run):
     make("train-ae", value=1.0)
     assert run.artifact("decode").content_sha256 == before
     assert make("encode", value=1.0).content_sha256 == run.artifact("encode").content_sha256
-
-
-def test_a_current_stage_is_not_made_again(run):
-    written = (run.path / "encode" / "manifest.json").stat().st_mtime_ns
-    make("encode", value=1.0)
-    assert (run.path / "encode" / "manifest.json").stat().st_mtime_ns == written
 
 
 def test_an_input_file_that_changed_is_named_while_it_is_there(run, tmp_path):
@@ -133,11 +123,6 @@ def test_check_does_not_trust_what_was_read_before(run, monkeypatch, capsys):
         check(CheckConfig("x"))
 
 
-def test_check_of_an_unknown_run_names_the_known_ones(run):
-    with pytest.raises(DsnetError, match=r"unknown run 'nope' \(known: x\)"):
-        check(CheckConfig("nope"))
-
-
 def test_a_folder_that_has_lost_its_manifest_is_damage_until_it_is_made_again(run, capsys):
     (run.path / "train" / "manifest.json").unlink()
     lost = r"x/train, which has lost its manifest\.json.*`dsnet train --run x` again"
@@ -156,11 +141,11 @@ def test_a_folder_that_has_lost_its_manifest_is_damage_until_it_is_made_again(ru
     assert not run.finished("train")
 
 
-@pytest.mark.parametrize("name", ["notes", "bench"])
-def test_check_leaves_alone_what_is_no_stage(run, name, capsys):
+def test_check_leaves_alone_what_is_no_stage(run, capsys):
     write_results("x", "speed", {"s": 1.0})
     (run.path / "notes").mkdir()
     check(CheckConfig("x"))
     said = capsys.readouterr().out.splitlines()
-    assert f"{name:<12} is not a stage of dsnet, left alone" in said
+    for name in ("notes", "bench"):
+        assert f"{name:<12} is not a stage of dsnet, left alone" in said
     assert said[-1] == "run 'x': 6 stages, one chain"

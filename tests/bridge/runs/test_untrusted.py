@@ -227,11 +227,3 @@ def test_threads_that_read_at_once_all_read_it():
     for thread in threads:
         thread.join()
     assert failed == []
-
-
-def test_an_array_that_was_cut_is_not_mapped(tmp_path):
-    path = tmp_path / "x.npy"
-    np.save(path, np.zeros(3))
-    path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(ValueError, match="in it"):
-        map_npy(path)

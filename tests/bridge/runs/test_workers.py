@@ -101,12 +101,6 @@ def test_an_interrupt_does_not_wait_for_work():
     assert time.monotonic() - began < 300
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_a_worker_raises_is_raised(kind):
-    with pytest.raises(ZeroDivisionError), worker_pool(kind, 1, N_WORKERS) as pool:
-        list(pool.map(operator.truediv, [0]))
-
-
 def refuse(_: object, item: str) -> None:
     raise DsnetError(item, "another", "Pass it.")
 

@@ -57,12 +57,6 @@ def test_gathering_comes_closest_over_the_skins_area(nodes):
     assert abs(product) < 1e-4 * np.sqrt(lengths[0] * lengths[1])
 
 
-def test_noise_of_single_vertices_is_averaged_away(nodes):
-    noise = np.random.default_rng(3).normal(size=(4, 6890, 3)).astype(np.float32)
-    kept = nodes.spread(nodes.gather(noise))
-    assert kept.std() < 0.2 * noise.std()
-
-
 def test_laplacian_is_that_of_a_surface(nodes):
     laplacian = nodes.laplacian.toarray()
     assert laplacian.shape == (80, 80)

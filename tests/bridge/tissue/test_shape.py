@@ -6,11 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bridge.tissue.shape import (
-    SHAPE_FEATURES,
-    distance_to_bones_m,
-    shape_features,
-)
+from bridge.tissue.shape import SHAPE_FEATURES, distance_to_bones_m, shape_features
 
 
 def test_the_template_has_no_features(body, nodes):

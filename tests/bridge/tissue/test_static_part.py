@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from bridge.body import BodyModelData
-from bridge.tissue import static_part
 from bridge.tissue.node_clips import NodeClip
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.static_part import fit_static
@@ -93,17 +92,3 @@ def test_takes_of_one_motion_are_one_kind(clips):
     planted = np.full((NODES, 3), 5e-3)
     found = fit_static(shifted(renamed, lambda c: planted), moving(clips), PEOPLE)
     assert found.kind == "none"
-
-
-def test_of_many_kinds_of_motion_some_are_left_out_together(clips, monkeypatch):
-    """As many folds as kinds up to 32; each takes megabytes of equations."""
-    planted = np.random.default_rng(3).normal(scale=3e-3, size=(PEOPLE, NODES, 3))
-    misfit = shifted(noisy(clips), lambda c: planted[c.person])
-    kinds = [replace(c.sequence, motion=f"{row}_kind") for row, c in enumerate(misfit)]
-    each = [replace(c, sequence=kind) for c, kind in zip(misfit, kinds, strict=True)]
-    solved, solve = [], static_part._solve
-    monkeypatch.setattr(static_part, "_solve", lambda *of: (solved.append(1), solve(*of))[1])
-    monkeypatch.setattr(static_part, "_MOST_FOLDS", 2)
-    found = fit_static(each, moving(clips), PEOPLE)
-    assert found.kind == "constant"
-    assert len(solved) == 2 * (len(static_part.RIDGES) - 1) + 1

@@ -102,17 +102,13 @@ def test_static_part_is_the_persons_constant_and_the_poses(trained, body, nodes)
     np.testing.assert_array_equal(static_features(body, np.zeros((1, 69))), 0.0)
 
 
-def test_a_model_without_a_static_part_has_none(trained, body):
-    nothing = StaticPart(np.zeros((2, 6890, 3), np.float32), np.zeros((207, 80, 3), np.float32))
-    without = replace(trained, static=nothing)
-    assert without.static_m(body, PEOPLE[0], motion(3)) is None
-
-
 def test_a_stranger_has_none_where_only_constants_were_found(trained, body):
     constant = StaticPart(trained.static.constant_m, np.zeros((207, 80, 3), np.float32))
     model = replace(trained, static=constant)
     assert model.static_m(body, PEOPLE[0], motion(3)) is not None
     assert model.static_m(body, np.full(10, 0.7), motion(3)) is None
+    nothing = StaticPart(0 * constant.constant_m, constant.by_pose_m)
+    assert replace(trained, static=nothing).static_m(body, PEOPLE[0], motion(3)) is None
 
 
 @pytest.mark.parametrize(

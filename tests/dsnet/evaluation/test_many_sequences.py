@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from bridge.body import load_body_model
-from bridge.motion import MotionSequence, to_manifest
-from bridge.runs import Artifact, write_artifact
+from bridge.motion import MotionSequence
+from bridge.runs import Artifact
 from dsnet.evaluation import pipelines
 from dsnet.evaluation.alignment import alignment_errors
 from dsnet.evaluation.pipelines import TEST_SUBJECT, MotionArrays, mean_offsets_m
+from tests.forged.artifacts import put
 
 BODY = load_body_model("embedded:female")
 RNG = np.random.default_rng(0)
@@ -30,8 +31,7 @@ def written(path: Path, sequences: int) -> Artifact:
         "offsets": RNG.normal(0, 1e-3, (sequences, BODY.vertex_count, 3)).astype(np.float32),
         "frame_error": np.ones(sequences, np.float32),
     }
-    return write_artifact(path, "align", arrays, units=dict.fromkeys(arrays, "1"), data="synthetic",
-                          sequences=to_manifest(index))  # fmt: skip
+    return put(path, arrays, index)
 
 
 @pytest.fixture

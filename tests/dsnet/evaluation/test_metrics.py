@@ -16,7 +16,6 @@ from dsnet.evaluation.metrics import (
     SpectrumSums,
     VelocitySums,
     frame_blocks,
-    frequency_bins,
 )
 
 FPS, FRAMES = 60.0, 240
@@ -108,16 +107,6 @@ def test_what_never_moves_has_no_r2():
     assert np.isnan(velocities(still, still).summary()["r2"])
 
 
-def test_merged_velocities_are_those_of_all():
-    predicted, true = 0.01 * np.random.default_rng(1).normal(size=(2, 9, 7, 3))
-    first, second = (
-        velocities(predicted[:, :2], true[:, :2]),
-        velocities(predicted[:, 2:], true[:, 2:]),
-    )
-    first += second
-    assert first.summary() == pytest.approx(velocities(predicted, true).summary())
-
-
 def swing(hz: float, damping: float = 0.0, size_m: float = 1e-3) -> np.ndarray:
     """(T, 4, 3) a damped cosine of amplitude `size_m` in each coordinate."""
     # Half a frame on: this is then a vector of the cosine transform's own basis.
@@ -182,11 +171,6 @@ def test_a_band_without_energy_has_no_ratio():
     assert np.isnan(band["ratio"])
     assert np.isnan(band["r2"])
     assert band["predicted_mm"] > 1
-
-
-def test_other_lengths_have_the_same_steps():
-    assert frequency_bins(240, 60.0)[20] == frequency_bins(480, 60.0)[40] == 5
-    assert frequency_bins(90, 60.0).max() == 59
 
 
 def test_errors_of_a_group_are_those_of_all_frames_at_once():

@@ -9,9 +9,10 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
-from bridge.motion import MotionSequence, sequences_of, to_manifest, unpack_theta
-from bridge.runs import Run, read_artifact, write_artifact
+from bridge.motion import MotionSequence, sequences_of, unpack_theta
+from bridge.runs import Run, read_artifact
 from dsnet.evaluation.evaluation import OFFSET_SIZE, evaluate_run, per_frame_m
+from tests.forged.artifacts import put
 from tests.forged.best_pipeline import PLUS, write_best_pipeline
 
 SEQUENCES = [
@@ -29,6 +30,7 @@ FOUR = [
     for motion in ("known", "unseen")
 ]
 STOP = 43 + 20
+SMPL = {"config": {"smpl": None}}
 MODEL_PATH = "dsnet.evaluation.evaluation.body_model_path"
 
 
@@ -47,25 +49,18 @@ def forge(run, *, captured=False, paper=True):
     static = {"static": np.broadcast_to(np.float32(3 * shape[::-1]), offsets.shape)}
     arrays = {"theta": theta, "betas": betas, "offsets": offsets}
     arrays |= {name: np.array(value) for name, value in static.items()} if captured else {}
-    put(run, "truth", arrays, SEQUENCES, **({"form": "captured"} if captured else {}))
+    put(run / "truth", arrays, SEQUENCES, **SMPL, **({"form": "captured"} if captured else {}))
     given = {"theta": theta + np.float32(0.003), "betas": betas.copy()}
     given["betas"][0] += np.float32(0.2)
     aligned = {"theta": given["theta"][:16], "betas": given["betas"][:1], "offsets": offsets[:16]}
-    put(run, "align", aligned | {"frame_error": np.zeros(16, np.float32)}, ALIGNED)
+    put(run / "align", aligned | {"frame_error": np.zeros(16, np.float32)}, ALIGNED, **SMPL)
     if paper:
-        put(run, "infer", given, SEQUENCES)
+        put(run / "infer", given, SEQUENCES, **SMPL)
         labels = {"predictors": {"dsnet": "DSNet"}, "default": "dsnet"}
         decoded = {"offsets_dsnet": np.float32(0.6) * offsets, "offsets_autoencoder": 0 * offsets}
-        put(run, "decode", decoded, SEQUENCES, **labels)
+        put(run / "decode", decoded, SEQUENCES, **SMPL, **labels)
     (run / "corpus").mkdir(exist_ok=True)
     body.save_smpl_npz(run / "corpus" / "SMPL_FEMALE.npz")
-
-
-def put(run, stage, arrays, sequences, **extra):
-    write_artifact(
-        run / stage, stage, arrays, units=dict.fromkeys(arrays, "1"), data="synthetic",
-        sequences=to_manifest(sequences), config={"smpl": None}, **extra,
-    )  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -206,13 +201,6 @@ def test_one_pipeline_is_enough(tmp_path, pipeline):
     )
 
 
-def test_pipelines_of_one_alignment_share_what_learns_nothing(tmp_path):
-    forge(tmp_path / "both")
-    write_best_pipeline(tmp_path / "both", own_alignment=False)
-    names = list(evaluated().manifest["predictors"])
-    assert names == [PLUS, "dsnet", "autoencoder", "person_mean", "sequence_mean", "smpl"]
-
-
 def test_without_a_truth_aligned_offsets_are_each_pipelines_own(tmp_path):
     forge(tmp_path / "both")
     write_best_pipeline(tmp_path / "both")
@@ -232,12 +220,4 @@ def test_half_a_prediction_is_not_evaluated_without(tmp_path):
     write_best_pipeline(tmp_path / "both")
     (tmp_path / "both" / ".decode.partial").mkdir()
     with pytest.raises(DsnetError, match="dsnet decode"):
-        evaluate_run(Run("both"))
-
-
-def test_an_older_best_pipeline_is_refused(tmp_path):
-    forge(tmp_path / "both")
-    write_best_pipeline(tmp_path / "both")
-    put(tmp_path / "both", "align_robust", {}, ALIGNED)
-    with pytest.raises(DsnetError, match="older than 'align_robust'"):
         evaluate_run(Run("both"))

@@ -91,10 +91,6 @@ def test_a_comment_names_who_moved_it_and_what_was_asked(exported, predicted, to
     assert json.loads(controls) == predicted["controls"] == ASKED
 
 
-def test_nothing_asked_is_said_too(exported):
-    assert "controls {};" in of_frame_0(exported("obj", "out") / "frame_00000.obj")
-
-
 @pytest.mark.parametrize("to", ["pc2", "npz", "usd", "glb", "abc"])
 def test_fields_are_those_of_the_prediction(exported, predicted, to):
     if to in NEEDS:

@@ -8,15 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge import DsnetError
-from dsnet.exporters.formats import chosen_format
 from tests.dsnet.exporters.conftest import FRAMES
-
-
-def test_without_the_package_the_remedy_is_told(monkeypatch):
-    monkeypatch.setattr("bridge.installation.find_spec", lambda package: None)
-    with pytest.raises(DsnetError, match=r"alembic3d, which --to abc needs.*\[abc\]"):
-        chosen_format("abc", Path("body.abc"))
 
 
 def test_points_normals_and_offsets_of_every_frame(performed, tmp_path):

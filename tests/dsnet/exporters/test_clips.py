@@ -15,7 +15,7 @@ from bridge import DsnetError
 from bridge.body.posing import shaped_joints
 from bridge.motion import pack_theta, unpack_theta
 from dsnet.exporters import clips
-from dsnet.exporters.clip_pictures import ClipPage, ClipStage
+from dsnet.exporters.clip_pictures import ClipStage
 from dsnet.pictures.panels import FOOTERS, footer
 from dsnet.prediction.moving_body import MovingBody
 from tests.dsnet.exporters.conftest import moving_body
@@ -102,14 +102,6 @@ def test_mp4(short, tmp_path):
     pages = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, 302, 3).astype(int)
     assert len(pages) == 4
     assert_bodies_side_by_side(pages[0], bar_px=62)
-
-
-@pytest.mark.parametrize("height_px", [362, 364, 516])
-def test_a_page_is_as_large_as_is_said(height_px):
-    """Rows that are missing would roll every later picture of a clip."""
-    page = ClipPage(580, height_px, titles=("SMPL alone",), top_m=0.01, origin="synthetic")
-    drawn = page.with_picture(np.full((height_px, 580, 3), 128, np.uint8), 0.0)
-    assert drawn.size == page.size_px
 
 
 def test_an_encoder_that_fails_says_why(short, tmp_path):

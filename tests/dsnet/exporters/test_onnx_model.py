@@ -16,7 +16,6 @@ import onnx
 import onnxruntime
 import pytest
 
-from bridge import DsnetError
 from bridge.body import load_body_model
 from bridge.exchange.dsnet import Scaling, TrainedDsnet
 from bridge.runs import Run, write_artifact
@@ -157,12 +156,6 @@ def test_what_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path, capsys,
     monkeypatch.setattr(onnx, "save_model", full)
     assert "No space left" in refused(capsys, "--out", str(tmp_path / "a.onnx"))
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_an_unknown_precision_is_refused(plus, tmp_path):
-    model = chosen(PlusModel(plus, BODY), "dsnet_plus")
-    with pytest.raises(DsnetError, match="float16"):
-        export_onnx(tmp_path / "a.onnx", model, precision="int4")  # pyright: ignore[reportArgumentType]
 
 
 def test_the_example_runs_with_numpy_and_onnxruntime_alone(exported):

@@ -102,20 +102,8 @@ def test_fingers_jaw_and_eyes_are_kept(performed, tmp_path):
         assert (turns[0].inv() * turns[1]).magnitude().max() < 1e-6
 
 
-def test_hands_are_kept_beside_the_body(character, tmp_path):
-    moving = moving_body(character, 8)
-    hands = np.random.default_rng(1).uniform(-1, 1, (8, 30, 3))
-    moving.motion = replace(moving.motion, hands_and_face=hands)
-    smpl_npz.write(tmp_path / "hands.npz", moving)
-    motion = place_motion(load_motion(tmp_path / "hands.npz"), moving.body)
-    assert motion.hands_and_face is not None
-    turns = [Rotation.from_rotvec(one.reshape(-1, 3)) for one in (motion.hands_and_face, hands)]
-    np.testing.assert_allclose(turns[0].as_matrix(), turns[1].as_matrix(), atol=1e-9)
-    np.testing.assert_allclose(motion.trans_m, moving.motion.trans_m, atol=1e-9)
-
-
 @pytest.mark.parametrize("others", [None, 30, 33])
-def test_smpl_is_read_by_its_own_library_and_by_ours(character, tmp_path, others):
+def test_smpl_is_read_again(character, tmp_path, others):
     moving = moving_body(character, 8)
     if others:
         turns = np.random.default_rng(1).uniform(-1, 1, (8, others, 3))
@@ -142,15 +130,6 @@ def test_smpl_is_read_by_its_own_library_and_by_ours(character, tmp_path, others
             np.testing.assert_array_equal(arrays["headPose"], wanted[:, 22:25])
         lowered_m = arrays["bodyTranslation"] - moving.motion.trans_m
         np.testing.assert_allclose(lowered_m[:, 1], lower_m, atol=1e-4)
-    theirs = pytest.importorskip("smplcodec").SMPLCodec.from_file(path)
-    assert (theirs.smpl_version.name, theirs.gender.name) == (
-        "SMPLX" if others == 33 else "SMPLH",
-        "FEMALE",
-    )
-    np.testing.assert_array_equal(theirs.full_pose[:, : wanted.shape[1]], wanted)
-    lowered_m = theirs.body_translation - moving.motion.trans_m
-    np.testing.assert_allclose(lowered_m[:, 1], lower_m, atol=1e-4)
-    assert (theirs.frame_count, theirs.frame_rate) == (8, 60.0)
 
 
 @pytest.mark.parametrize(

@@ -213,20 +213,6 @@ def test_a_recording_in_pieces_is_refused(
         read_recording(tmp_path / "cut.npz", body)
 
 
-def test_betas_of_another_body_model_give_way_to_markers(
-    tmp_path: Path, body: BodyModelData, base: TrainedPlus, jumping: Motion
-) -> None:
-    write_recording(tmp_path / "a.npz", PlusModel(base, body), body, BETAS,
-                    np.asarray(jumping.theta, np.float64), np.random.default_rng(0))  # fmt: skip
-    np.testing.assert_array_equal(read_recording(tmp_path / "a.npz", body).motion.betas, BETAS)
-    stored: dict[str, Any] = dict(np.load(tmp_path / "a.npz"))
-    del stored["source"]
-    stored["betas"] = np.full(16, -2.0)
-    np.savez(tmp_path / "a.npz", **stored)
-    fitted = read_recording(tmp_path / "a.npz", body).motion.betas
-    assert np.abs(fitted - BETAS)[:2].max() < 0.3
-
-
 def test_the_same_recording_counts_once(tmp_path: Path) -> None:
     with np.load(motion_path("sample:jumping_jacks")) as stored:
         pose = dict(stored)
@@ -241,25 +227,6 @@ def test_the_same_recording_counts_once(tmp_path: Path) -> None:
     assert {Path(file).name: why for file, why in refused.items()} == dict.fromkeys(
         ("jacks_stageii.npz", "two.npz"), "the same recording again"
     )
-
-
-def test_recordings_have_no_markers_that_lie_off_the_skin(
-    tmp_path: Path,
-    body: BodyModelData,
-    base: TrainedPlus,
-    jumping: Motion,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    write_recording(tmp_path / "a.npz", PlusModel(base, body), body, BETAS,
-                    np.asarray(jumping.theta, np.float64), np.random.default_rng(0))  # fmt: skip
-    stored: dict[str, Any] = dict(np.load(tmp_path / "a.npz"))
-    labels = stored["marker_labels"].tolist()
-    bust, ankle = labels.index("LBUST"), labels.index("LANK")
-    labels[bust], labels[ankle] = labels[ankle], labels[bust]
-    np.savez(tmp_path / "a.npz", **{**stored, "marker_labels": labels})
-    recording = read_recording(tmp_path / "a.npz", body)
-    assert "a.npz: markers left out: LBUST, 1" in capsys.readouterr().err
-    assert "LBUST" not in {*recording.registered.vertices, *recording.registered.cloud.points_m}
 
 
 def test_a_rate_at_which_nobody_falls_is_refused(

@@ -20,7 +20,6 @@ from dsnet.markers.comparison_files import write_comparisons
 from dsnet.markers.registration import Registered, register
 from dsnet.markers.segments import Pose
 from dsnet.markers.skin import Comparison, compare_offsets
-from dsnet.stages import stage_evaluate
 from tests.forged.amass import save, smplh
 from tests.forged.markers import VERTICES, Known, marker_file, markers_in, sampled
 
@@ -66,12 +65,6 @@ def test_millimetres_are_told_and_read(known: Known, tmp_path: Path) -> None:
     path = marker_file(tmp_path / "m.npz", known, scale=1e3)
     assert "millimetres" in markers_in(path).note
     assert compared(known, path, 1.0).rows[0].flesh_r2 > 0.99
-
-
-def test_another_rate_than_the_poses_is_refused(known: Known, tmp_path: Path) -> None:
-    path = marker_file(tmp_path / "m.npz", known)
-    with pytest.raises(DsnetError, match="one rate"):
-        register(known.body, known.motion, markers_in(path, 24))
 
 
 def test_markers_of_another_moment_are_refused(known: Known, tmp_path: Path) -> None:
@@ -259,8 +252,3 @@ def test_a_page_has_a_row_for_each_marker_and_a_figure(known: Known, tmp_path: P
     page = (tmp_path / "markers.md").read_text()
     assert all(f"| {row['label']} |" in page for row in rows)
     assert (tmp_path / "markers.png").stat().st_size > 10_000
-
-
-def test_options_of_markers_without_markers_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DsnetError, match="without --markers"):
-        stage_evaluate.main(stage_evaluate.EvaluateConfig(run="r", out=tmp_path))

@@ -6,7 +6,6 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-import onnxruntime
 import pytest
 from numpy.typing import NDArray
 
@@ -44,18 +43,6 @@ BETAS = np.random.default_rng(5).normal(size=(2, 10)).astype(np.float32)
 THETA = np.random.default_rng(6).normal(0, 0.4, (6, 2, 69)).astype(np.float32)
 
 
-def clip(model) -> np.ndarray:
-    """(T, B, V, 3)."""
-    session = onnxruntime.InferenceSession(
-        model.SerializeToString(), providers=["CPUExecutionProvider"]
-    )
-    state, found = np.zeros((2, session.get_inputs()[2].shape[1]), np.float32), []
-    for frame in THETA:
-        vertices, state = session.run(None, {"theta": frame, "betas": BETAS, "state": state})
-        found.append(vertices)
-    return np.stack(found)
-
-
 def expected(model: DsnetModel) -> np.ndarray:
     predict = partial(predict_whole, model)
     clips = []
@@ -69,18 +56,10 @@ def expected(model: DsnetModel) -> np.ndarray:
 def test_frame_by_frame_is_the_whole_clip(trained, mesh_decoder, tmp_path):
     decoder, architecture = mesh_decoder
     model = DsnetModel(trained, write_codec(tmp_path / "train-ae", decoder, architecture), BODY)
-    found, wanted = clip(model.graph({}, "float32")), expected(model)
+    found, wanted = GraphSession(model.graph({}, "float32")).rollout(THETA, BETAS), expected(model)
     np.testing.assert_allclose(found, wanted, atol=1e-5)
     rest = pose_vertices(BODY, BETAS, *unpack_theta(THETA[-1]))
     assert np.abs(wanted[-1] - rest).max() > 1e-3
-
-
-def test_fewer_bits_cost_little(trained, mesh_decoder):
-    decoder, architecture = mesh_decoder
-    exact = clip(dsnet_body_graph(trained, decoder, architecture, BODY))
-    found = clip(dsnet_body_graph(trained, decoder, architecture, BODY, precision="int8"))
-    error_mm = 1e3 * np.linalg.norm(found - exact, axis=-1)
-    assert 0 < error_mm.mean() < 0.2
 
 
 def test_a_decoder_of_another_body_is_refused(trained, mesh_decoder):

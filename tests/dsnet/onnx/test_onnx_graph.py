@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import onnxruntime
 import pytest
 
 from dsnet.onnx import onnx_graph
-from dsnet.onnx.onnx_graph import PRECISIONS, Graph, product
+from dsnet.onnx.onnx_graph import PRECISIONS, Graph, GraphSession, product
 
 RNG = np.random.default_rng(0)
 KERNEL = RNG.normal(size=(300, 400)).astype(np.float32)
@@ -23,10 +22,7 @@ def multiplied(precision, features: np.ndarray) -> np.ndarray:
     graph = Graph()
     found = product(graph, "kernel", KERNEL, precision)(graph.input("x", ("B", 9, 300)))
     model = graph.model("product", {"y": found}, {"y": ("B", 9, 400)})
-    session = onnxruntime.InferenceSession(
-        model.SerializeToString(), providers=["CPUExecutionProvider"]
-    )
-    return np.asarray(session.run(None, {"x": features})[0])
+    return GraphSession(model)(x=features)["y"]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from bridge.body import load_body_model, pose_vertices
 from bridge.motion import unpack_theta
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.onnx.body_graph import bone_weights
-from dsnet.onnx.onnx_graph import GraphSession, Precision
+from dsnet.onnx.onnx_graph import GraphSession
 from dsnet.onnx.plus_graph import plus_graph, plus_layout
 from dsnet.prediction.models import PlusModel, predict_whole
 
@@ -169,18 +169,6 @@ def test_far_from_the_origin_tissue_moves_the_same(flesh, stepped):
     far[:, 66] += 64.0  # a power of two: the numbers in the file lose nothing but digits of 67
     near_m, far_m = (stepped.clip(path[:, None], BETAS[:1])[:, 0] for path in (theta, far))
     np.testing.assert_allclose(far_m - [64.0, 0, 0], near_m, atol=3e-5)
-
-
-@pytest.mark.parametrize("precision", ["float16", "int8"])
-def test_fewer_bits_cost_little(flesh, stepped, precision: Precision):
-    theta = two()[:8]
-    exact = stepped.clip(theta, BETAS)
-    small = plus_graph(flesh, BODY, precision=precision)
-    found = Stepped(small).clip(theta, BETAS)
-    error_mm = 1e3 * np.linalg.norm(found - exact, axis=-1)
-    assert 0 < error_mm.mean() < 0.05
-    assert error_mm.max() < 0.5
-    assert small.ByteSize() < 0.75 * plus_graph(flesh, BODY).ByteSize()
 
 
 @pytest.mark.parametrize("static", [False, True])

@@ -130,20 +130,6 @@ def test_a_loop_with_a_cut_is_refused(character, bouncing):
         controlled_body(character, replace(bouncing, theta=theta), Controls(loop=True))
 
 
-def test_a_still_motion_starts_settled(character, bouncing):
-    """No jolt at the first frame: tissue hangs there as it does for ever after."""
-    still = replace(bouncing, theta=np.repeat(bouncing.theta[7:8], 60, axis=0))
-    offsets_m = controlled(character, still)
-    assert np.abs(offsets_m[0]).max() > 1e-3
-    np.testing.assert_allclose(offsets_m, np.tile(offsets_m[:1], (60, 1, 1)), atol=1e-5)
-
-
-def test_a_moving_start_is_no_jolt(character, bouncing):
-    offsets_m = controlled(character, bouncing)
-    steps = np.linalg.norm(np.diff(offsets_m, axis=0), axis=-1).max(axis=1)
-    assert steps[0] < steps[1:].max() / 4
-
-
 def test_shape_floor_and_betas_reach_the_body(character, bouncing):
     asked = Controls(shape=("height=175",), floor="shift")
     moving = controlled_body(character, bouncing, asked)
@@ -223,17 +209,6 @@ def test_what_cannot_be_is_one_line(bouncing, tmp_path, capsys, options, said):
     assert not list(tmp_path.glob("*out*"))
 
 
-def test_a_part_of_a_lap_is_refused(character, bouncing):
-    part = replace(bouncing, theta=bouncing.theta[: LAP // 3])
-    with pytest.raises(DsnetError, match=r"--loop with a motion whose \w+ jerks"):
-        controlled_body(character, part, Controls(loop=True))
-
-
-def test_a_gain_that_is_none_is_refused_in_python_too(character, bouncing):
-    with pytest.raises(DsnetError, match="--gain inf"):
-        controlled_body(character, bouncing, Controls(gain=float("inf")))
-
-
 BODY = load_body_model("embedded:female")
 OWN, TALL = np.zeros(10), np.r_[2.5, np.zeros(9)]
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
@@ -273,11 +248,6 @@ def test_another_body_stands_on_the_floor(recorded, floor, betas):
     assert abs(posed_lowest_m(placed).min()) > 0.05
     stood = put_on_floor(placed, BODY, floor, OWN)
     assert abs(posed_lowest_m(stood).min()) < 0.005
-
-
-def test_kept_is_untouched(recorded):
-    placed = place_motion(recorded, BODY, TALL)
-    assert put_on_floor(placed, BODY, "keep", OWN) is placed
 
 
 def test_a_shift_is_one_number(recorded):

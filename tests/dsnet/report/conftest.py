@@ -9,8 +9,9 @@ import pytest
 
 from bridge.body import load_body_model
 from bridge.exchange import save_weights
-from bridge.motion import MotionSequence, to_manifest
-from bridge.runs import ArtifactWriter, Run, write_artifact
+from bridge.motion import MotionSequence
+from bridge.runs import ArtifactWriter, Run
+from tests.forged.artifacts import put
 
 ALIGNED = [
     MotionSequence("50004_one_leg_jump", "50004", "one_leg_jump", 0, 9, 60.0, "validation"),
@@ -52,80 +53,36 @@ def forge_run(root: Path) -> Path:
     found_betas[:2] += np.float32(0.1)
     found_theta[:ALIGNED_FRAMES] += np.float32(0.01)
     _forge_corpus(root)
-    common = {"units": dict.fromkeys(_UNITS, "1"), "data": "synthetic"}
-    write_artifact(
+    put(
         root / "truth",
-        "truth",
         {"theta": theta, "betas": betas, "offsets": truth},
-        sequences=to_manifest(ALL),
+        ALL,
         config={"seed": 0},
-        **common,
     )
-    write_artifact(
-        root / "align",
-        "align",
-        {
-            "theta": found_theta[:ALIGNED_FRAMES],
-            "betas": found_betas[:2],
-            "offsets": aligned,
-            "frame_error": np.full(ALIGNED_FRAMES, 0.002, np.float32),
-        },
-        sequences=to_manifest(ALIGNED),
-        config={"aligner": "sgd", "lr": 1e-4, "momentum": 0.9, "steps": 40, "smpl": None},
-        **common,
-    )
+    fitted = {
+        "theta": found_theta[:ALIGNED_FRAMES],
+        "betas": found_betas[:2],
+        "offsets": aligned,
+        "frame_error": np.full(ALIGNED_FRAMES, 0.002, np.float32),
+    }
+    settings = {"aligner": "sgd", "lr": 1e-4, "momentum": 0.9, "steps": 40, "smpl": None}
+    put(root / "align", fitted, ALIGNED, config=settings)
     latents = rng.normal(size=(FRAMES, 100)).astype(np.float32)
-    write_artifact(
-        root / "encode",
-        "encode",
-        {"latents": latents[:ALIGNED_FRAMES]},
-        sequences=to_manifest(ALIGNED),
-        config={},
-        **common,
-    )
-    write_artifact(
-        root / "infer",
-        "infer",
-        {
-            **{f"latents_{name}": latents for name in PREDICTORS},
-            "theta": found_theta,
-            "betas": found_betas,
-        },
-        sequences=to_manifest(ALL),
-        predictors=PREDICTORS,
-        default="dsnet_small",
-        config={},
-        **common,
-    )
-    rebuilt = np.concatenate([0.97 * aligned, np.zeros_like(truth[ALIGNED_FRAMES:])])
-    write_artifact(
-        root / "decode",
-        "decode",
-        {
-            "offsets_dsnet_small": truth + offsets_of(rng, FRAMES, 1.5e-3),
-            "offsets_dsnet_other": 0.2 * truth,
-            "offsets_autoencoder": rebuilt,
-        },
-        sequences=to_manifest(ALL),
-        predictors=PREDICTORS,
-        default="dsnet_small",
-        config={},
-        **common,
-    )
+    put(root / "encode", {"latents": latents[:ALIGNED_FRAMES]}, ALIGNED, config={})
+    of_all = {"predictors": PREDICTORS, "default": "dsnet_small", "config": {}}
+    predicted = {f"latents_{name}": latents for name in PREDICTORS}
+    put(root / "infer", {**predicted, "theta": found_theta, "betas": found_betas}, ALL, **of_all)
+    decoded = {
+        "offsets_dsnet_small": truth + offsets_of(rng, FRAMES, 1.5e-3),
+        "offsets_dsnet_other": 0.2 * truth,
+        "offsets_autoencoder": np.concatenate(
+            [0.97 * aligned, np.zeros_like(truth[ALIGNED_FRAMES:])]
+        ),
+    }
+    put(root / "decode", decoded, ALL, **of_all)
     _forge_train_ae(root)
     _forge_train(root, rng)
     return root
-
-
-_UNITS = [
-    "theta",
-    "betas",
-    "offsets",
-    "frame_error",
-    "latents",
-    "loss",
-    *(f"{kind}_{name}" for kind in ("latents", "offsets") for name in (*PREDICTORS, "autoencoder")),
-]
 
 
 def _forge_corpus(root: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from bridge.paper import NUMBERS, PaperNumber
-from dsnet.report.paper_table import Measured, compare, format_value, verdict
+from dsnet.report.paper_table import Measured, compare, verdict
 
 
 def stated(value, unit=""):
@@ -29,21 +29,6 @@ def stated(value, unit=""):
 )
 def test_verdict(paper, ours, expected):
     assert verdict(paper, ours) == expected
-
-
-@pytest.mark.parametrize(
-    ("value", "unit", "expected"),
-    [
-        (33_626_606, "", "33,626,606"),
-        (0.0001, "", "0.0001"),
-        (11.8, "%", "11.8 %"),
-        ((0.004, 0.023), "unit not stated", "0.004 to 0.023 (unit not stated)"),
-        ((16, 300, 69), "", "16, 300, 69"),
-        (None, "s", "-"),
-    ],
-)
-def test_format(value, unit, expected):
-    assert format_value(value, unit) == expected
 
 
 def test_a_number_without_an_entry_is_a_mistake():

@@ -12,7 +12,6 @@ from bridge.runs import Artifact, ArtifactWriter, Run
 from dsnet.evaluation.evaluation import evaluate_run
 from dsnet.report import stage_report
 from dsnet.report.results import verification
-from tools.pages.verification import digits_to_spare, draw_parity
 
 
 def row(check="dsnet-T1", part="layers", engine="torch", dtype="float64", **changes):
@@ -42,25 +41,6 @@ def verify(tmp_path: Path) -> Artifact:
     writer = ArtifactWriter(tmp_path / "verify", "verify", data="synthetic")
     writer.file_path("parity.json").write_text(json.dumps(PARITY))
     return writer.finish()
-
-
-@pytest.mark.parametrize(
-    ("changes", "digits"),
-    [
-        ({}, 5.0),
-        ({"max_rel": 0.0}, 7.0),
-        ({"max_rel": 1e-3, "passed": False}, -1.0),
-        ({"max_rel": None, "passed": False}, -1.0),
-    ],
-)
-def test_digits_to_spare(changes, digits):
-    assert digits_to_spare(row(**changes)) == pytest.approx(digits)
-
-
-def test_the_figure_is_drawn_and_its_bytes_depend_on_the_rows_only(tmp_path):
-    for name in ("a.png", "b.png"):
-        draw_parity(tmp_path / name, PARITY, "synthetic")
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
 def test_the_largest_differences_of_each_engine(verify):

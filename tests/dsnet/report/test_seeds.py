@@ -75,20 +75,6 @@ def test_results_have_mean_and_spread_over_the_runs(runs):
     assert f"| {results['predictors']['dsnet_small']} | {shown} |" in page
 
 
-def test_further_seeds_count_in_how_long_it_took(runs):
-    """Of a further run its own stages, not those that it shares."""
-    results = json.loads((runs / "r" / "report" / "results.json").read_text())
-    own = ("train", "infer", "decode", "evaluate")
-    for seed in ("1", "10"):
-        made = [read_artifact(runs / f"r-seed{seed}" / stage).manifest for stage in own]
-        took_s = sum(one["provenance"]["wall_time_s"] for one in made)
-        assert results["seeds_took_s"][seed] == pytest.approx(took_s)
-    whole_s = sum(stage["wall_time_s"] for stage in results["stages"].values())
-    whole_s += sum(results["seeds_took_s"].values())
-    page = (runs / "r" / "report" / "report.md").read_text()
-    assert f"| together, largest | {whole_s:.1f} |" in page
-
-
 def test_a_run_of_another_alignment_is_left_out(runs, monkeypatch, capsys):
     monkeypatch.setenv("DSNET_RUNS", str(runs))
     own = Run("r").artifact("evaluate")

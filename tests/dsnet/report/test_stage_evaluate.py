@@ -7,12 +7,12 @@ import shutil
 import numpy as np
 import pytest
 
-from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.body.posing import shaped_vertices
-from bridge.motion import MotionSequence, sequences_of, to_manifest, unpack_theta
-from bridge.runs import Run, write_artifact
+from bridge.motion import MotionSequence, sequences_of, unpack_theta
+from bridge.runs import Run
 from dsnet.evaluation.evaluation import MESH_ERROR, evaluate_run, per_frame_m
+from tests.forged.artifacts import put
 
 
 @pytest.fixture
@@ -101,17 +101,12 @@ def forge_resting_person(root, prediction_share):
     body = load_body_model("embedded:female")
     train = MotionSequence("50004_hips", "50004", "hips", 0, 2, 60.0)
     test = MotionSequence("50004_kicking", "50004", "kicking", 2, 3, 60.0, "test")
-    both = to_manifest([train, test])
     true_betas, fitted_betas = np.zeros((1, 10), np.float32), np.full((1, 10), 0.5, np.float32)
     theta = np.zeros((5, 69), np.float32)
     tissue_m = np.full((5, 6890, 3), 2e-3, np.float32)
     shapes_m = [shaped_vertices(body, betas)[0] for betas in (true_betas, fitted_betas)]
     needed_m = tissue_m + shapes_m[0] - shapes_m[1]
     predictors = {"predictors": {"any": "Any"}, "default": "any"}
-    decoded = ("offsets_any", "offsets_autoencoder")
-    units: dict[str, str] = dict.fromkeys(
-        ("theta", "betas", "offsets", "frame_error", *decoded), "1"
-    )
     stages = {
         "truth": {"theta": theta, "betas": true_betas, "offsets": tissue_m},
         "align": {
@@ -127,11 +122,8 @@ def forge_resting_person(root, prediction_share):
         },
     }
     for stage, arrays in stages.items():
-        sequences = both[:1] if stage == "align" else both
-        write_artifact(
-            root / stage, stage, arrays, data="synthetic", sequences=sequences, config={},
-            units=units, **(predictors if stage == "decode" else {}),
-        )  # fmt: skip
+        sequences = [train] if stage == "align" else [train, test]
+        put(root / stage, arrays, sequences, config={}, **(predictors if stage == "decode" else {}))
     corpus = root / "corpus"
     corpus.mkdir()
     body.save_smpl_npz(corpus / "SMPL_FEMALE.npz")
@@ -224,12 +216,3 @@ def test_licensed_runs_have_no_truth(forged_runs, tmp_path, monkeypatch):
     assert set(manifest["alignments"]["align"]) == {"frame_error_mm"}
     assert set(manifest["cells"]) == {"validation", "train"}
     assert manifest["per_sequence"][-1]["errors"] == {}
-
-
-def test_a_missing_stage_is_named(forged_runs, tmp_path, monkeypatch):
-    runs = tmp_path / "runs"
-    shutil.copytree(forged_runs / "forged" / "align", runs / "half" / "align")
-    monkeypatch.setenv("DSNET_RUNS", str(runs))
-    with pytest.raises(DsnetError, match="dsnet infer --run half"):
-        evaluate_run(Run("half"))
-    assert not (runs / "half" / "evaluate").exists()

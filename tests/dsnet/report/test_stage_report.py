@@ -19,7 +19,7 @@ from bridge import DsnetError
 from bridge.runs import ArtifactWriter, Run, read_artifact
 from dsnet.evaluation.evaluation import evaluate_run
 from dsnet.evaluation.pipelines import MotionArrays, Pipeline
-from dsnet.pictures.panels import FOOTERS, new_figure
+from dsnet.pictures.panels import FOOTERS
 from dsnet.report import stage_report, videos
 from dsnet.report.diagrams import sizes_of
 from dsnet.report.pages import render_html, render_markdown
@@ -28,22 +28,10 @@ from dsnet.report.results import departures
 from tests.forged.best_pipeline import write_best_pipeline
 
 FIGURES = (
-    "figure1_strip",
-    "figure2_alignment",
-    "figure3_autoencoder",
-    "figure4_autoencoder",
-    "figure5_dsnet",
-    "figure6_lengths",
-    "figure7_validation",
-    "figure8_error",
-    "figure9_people",
-    "figure10_spine2",
-    "over_time",
-    "spectrum",
-    "loss_autoencoder",
-    "loss_dsnet",
-    "loss_plus",
-)
+    "figure1_strip", "figure2_alignment", "figure3_autoencoder", "figure4_autoencoder",
+    "figure5_dsnet", "figure6_lengths", "figure7_validation", "figure8_error", "figure9_people",
+    "figure10_spine2", "over_time", "spectrum", "loss_autoencoder", "loss_dsnet", "loss_plus",
+)  # fmt: skip
 TINY = stage_report.ReportConfig(run="both", panel_px=48)
 
 
@@ -72,11 +60,6 @@ def test_pages_say_synthetic_from_the_start(folder):
     page = (folder / "report.html").read_text()
     assert FOOTERS["synthetic"] in page.partition("<h1>")[0]
     assert json.loads((folder / "results.json").read_text())["data"] == "synthetic"
-
-
-def test_figures_say_synthetic():
-    figure = new_figure(3, 3, title="any", origin="synthetic")
-    assert "synthetic" in [text.get_text().partition(":")[0] for text in figure.texts]
 
 
 def test_html_needs_no_other_file(folder):
@@ -170,24 +153,6 @@ def test_tables_are_the_results(folder):
                 assert f"| {label} | {cell[name]['mesh']['r2'] + 0.0:.3f} |" in markdown
 
 
-def test_contents_lead_to_every_section_and_raw_tables_are_folded(folder):
-    page = (folder / "report.html").read_text()
-    led_to = re.findall(r'href="#([^"]+)"', page)
-    assert led_to == re.findall(r'<h2 id="([^"]+)"', page)
-    assert led_to[0] == "verdict"
-    behind = re.sub(r"<details>.*?</details>", "", page, flags=re.DOTALL)
-    assert "Errors in every test group" not in behind
-    assert "against the true offsets" not in behind
-    assert page.count("<details><summary>") == page.count("</details>") == 3
-
-
-def test_table_1_counts_what_was_aligned_and_what_was_predicted(folder):
-    page = (folder / "report.md").read_text()
-    table = page.partition("**Table 1.**")[2]
-    assert "| in place of Dyna | 2 | hips, jiggle on toes, one leg jump | 60.0 | 3 |" in table
-    assert "| in place of Mosh | 2 | kicking | 100.0 | 2 |" in table
-
-
 def test_the_autoencoders_figure_has_the_built_widths(folder):
     manifest = read_artifact(folder.parent / "train-ae").manifest
     sizes = sizes_of(manifest["architecture"]["widths"])
@@ -256,11 +221,6 @@ def test_another_aligner_than_the_papers_is_a_departure(folder):
     assert "its own shape" in own
 
 
-def test_departures_of_both_pipelines_are_told(folder):
-    page = (folder / "report.md").read_text()
-    assert "- `dsnet_small`: a wrong turn\n- `dsnet_plus`: no autoencoder" in page
-
-
 def test_the_papers_words_alone_come_first(folder):
     decode = read_artifact(folder.parent / "decode")
     labels = {"dsnet_other": "Other", "dsnet_small": "Small", "dsnet_literal": "Literal"}
@@ -269,35 +229,19 @@ def test_the_papers_words_alone_come_first(folder):
     assert list(pipeline.predictors) == ["dsnet_literal", "dsnet_small", "dsnet_other"]
 
 
-def test_a_rate_that_varies_is_not_the_papers(folder):
+def test_what_is_not_the_papers_differs(folder):
     stages = {path.name: read_artifact(path) for path in folder.parent.iterdir() if path != folder}
-    trained = stages["train-ae"].manifest["autoencoder"]
-    row = "learning rate of the autoencoder's Adam"
-    for varies, verdict in ((False, "same"), (True, "differs: rises and falls")):
-        trained["cosine_decay"] = varies
-        rows = {one["quantity"]: one for one in compare(measure(stages, "female"))}
-        assert rows[row]["verdict"].startswith(verdict)
-
-
-def test_a_run_without_sgd_has_none_of_its_settings(folder):
-    stages = {path.name: read_artifact(path) for path in folder.parent.iterdir() if path != folder}
+    stages["train-ae"].manifest["autoencoder"]["cosine_decay"] = True
     rows = {row["quantity"]: row for row in compare(measure(stages, "female"))}
     assert rows["learning rate of the alignment's SGD"]["verdict"] == "same"
+    rate = rows["learning rate of the autoencoder's Adam"]
+    assert rate["verdict"].startswith("differs: rises and falls")
     stages["align"].manifest["config"]["aligner"] = "robust"
     rows = {row["quantity"]: row for row in compare(measure(stages, "female"))}
     for quantity in ("learning rate of the alignment's SGD", "momentum of the alignment's SGD"):
         assert rows[quantity]["ours"] == "-"
         assert rows[quantity]["verdict"].startswith("differs: aligned by `robust`")
     assert rows["SGD steps for a frame"]["ours"] == "-"
-
-
-def test_absorbed_and_invented_add_up_to_what_is_missing(folder):
-    alignment = json.loads((folder / "results.json").read_text())["alignments"]["align"]
-    markdown = (folder / "report.md").read_text()
-    said = re.search(r"([\d.]+) absorbed and ([\d.]+) invented\.", markdown)
-    assert said is not None
-    missing = 1 - alignment["offsets"]["r2"]
-    assert float(said[1]) + float(said[2]) == pytest.approx(missing, abs=0.011)
 
 
 def page_of(folder, edit):
@@ -315,22 +259,6 @@ def test_an_autoencoder_that_learned_nothing_is_called_so(folder):
     page = page_of(folder, lambda r: r["autoencoder"]["training"].update(error_fall=0.06))
     assert "6.0 % of the initial error" in page
     assert "**the code is nearly the initial linear one**" in page
-
-
-def test_engines_without_gradients_are_named(folder):
-    found = {"rows": 2, "held": 2, "diagnosis": [], "engines": [], "forward_only": ["onnx"]}
-    page = page_of(folder, lambda results: results.update(verification=found))
-    assert "(onnx: forward only)" in page
-
-
-def test_the_worst_body_parts_are_listed_first(folder):
-    alignments = json.loads((folder / "results.json").read_text())["alignments"]
-    parts = alignments["align"]["absorption"]["parts"]
-    worst = sorted(parts, key=lambda name: -parts[name]["error_mm"])[:6]
-    table = (folder / "report.md").read_text().partition("| body part |")[2].partition("\n\n")[0]
-    assert [row.split(" | ")[0].strip("| ") for row in table.splitlines()[2:]] == worst
-    absorbed = 100 * parts[worst[0]]["absorbed"]
-    assert f"| {worst[0]} | {parts[worst[0]]['true_mm']:.2f} | {absorbed:.1f} |" in table
 
 
 def test_a_licensed_run_has_a_report_without_truth(forged_runs, tmp_path, monkeypatch):

@@ -107,15 +107,3 @@ def test_a_run_by_its_name(trained_run, trained: TrainedDsnet, as_type):
     np.testing.assert_array_equal(by_name, steps(StreamingPredictor(trained), THETA, BETAS))
     other = steps(StreamingPredictor(as_type("r"), "dsnet_faithful"), THETA, BETAS)
     assert np.abs(other - by_name).max() > 0.1
-
-
-@pytest.mark.parametrize("name", ["nope", Path("nope")])
-def test_an_unknown_run_is_refused(tmp_path, monkeypatch, name):
-    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
-    with pytest.raises(DsnetError, match="unknown run 'nope'"):
-        StreamingPredictor(name)
-
-
-def test_a_path_is_no_runs_name(tmp_path):
-    with pytest.raises(DsnetError, match="plain folder name"):
-        StreamingPredictor(tmp_path)

@@ -125,11 +125,6 @@ def test_poses_that_come_again_are_told_once(flesh, capsys, each, again, smooth)
     assert all(f"a streamed body repeats {again} of 40 poses" in line for line in told)
 
 
-def test_who_stands_repeats_nothing(flesh, capsys):
-    streamed(Stream(flesh, body=BODY), swaying(TIMES_S)[[*range(10), *[10] * 50]], BETAS)
-    assert "repeats" not in capsys.readouterr().err
-
-
 def test_who_joins_leaves_or_waits_disturbs_nobody(flesh):
     """Four persons, each there at other times; one is not named at every third step."""
     bodies = Stream(flesh, body=BODY)

@@ -11,18 +11,9 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from bridge.body import load_body_model
-from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
 from bridge.motion.cuts import repeated_frames
-from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
-from dsnet.synthetic.motions import (
-    DYNA_MOTIONS,
-    HELD_OUT_MOTIONS,
-    MOTIONS,
-    WHOLE_S,
-    Skeleton,
-    perform,
-)
+from dsnet.synthetic.motions import HELD_OUT_MOTIONS, MOTIONS, WHOLE_S, Skeleton, perform
 from dsnet.synthetic.motions.plan import Planner
 from dsnet.synthetic.subjects import SUBJECTS, Gender
 from torch_align_ae.body import SMPL
@@ -89,11 +80,6 @@ def test_nothing_goes_through_the_floor_and_contact_is_on_it(motion, row):
     assert found.lowest_m[standing].max() < 0.02
 
 
-def test_a_foot_without_steps_stands():
-    planner = Planner.drawn("50004", "hips", np.arange(FRAMES) / FPS, 1.0, seed=0)
-    np.testing.assert_array_equal(planner.foot([]).ball_m, np.zeros((FRAMES, 3)))
-
-
 @every_motion
 @lean_and_heavy
 def test_a_foot_in_contact_does_not_slide(motion, row):
@@ -113,12 +99,6 @@ def test_flight_is_ballistic_and_only_jumps_have_one(motion, row):
     inside = air[:-2] & air[1:-1] & air[2:]
     fall_m_s2 = np.diff(found.trans[:, 1], 2)[inside] * FPS**2
     np.testing.assert_allclose(fall_m_s2, -9.81, rtol=1e-6)
-
-
-@every_motion
-@lean_and_heavy
-def test_nobody_falls_as_if_the_rate_were_wrong(motion, row):
-    assert steepest_fall_g(performance(motion, row).trans[:, 1], FPS) < 0.7 * MOST_FALL_G
 
 
 @every_motion
@@ -158,27 +138,14 @@ def test_frame_rate_and_length_only_sample_the_same_motion(motion):
 def test_subjects_and_seeds_have_their_own_style():
     skeleton = Skeleton(body("female").data, SUBJECTS["female"][1].betas)
 
-    def hop(subject, seed):
-        options = {"frame_count": 120, "fps": 60.0, "seed": seed}
+    def hop(subject, seed, take=1):
+        options = {"frame_count": 120, "fps": 60.0, "seed": seed, "take": take}
         return perform("light_hopping_loose", subject, skeleton, **options)
 
     np.testing.assert_array_equal(hop("50020", 0), hop("50020", 0))
     assert np.abs(hop("50020", 0) - hop("50021", 0)).max() > 0.05
     assert np.abs(hop("50020", 0) - hop("50020", 1)).max() > 0.05
-
-
-def test_another_take_is_the_same_kind_in_another_style():
-    skeleton = Skeleton(body("female").data, SUBJECTS["female"][1].betas)
-    first, second = (
-        perform("hips", "50020", skeleton, frame_count=120, fps=60.0, take=take) for take in (1, 2)
-    )
-    assert np.abs(first - second).max() > 0.05
-
-
-def test_dynas_fourteen_names_and_eight_held_out_beside_moshs_three():
-    assert len(DYNA_MOTIONS) == 14
-    assert len(HELD_OUT_MOTIONS) == 11
-    assert not set(HELD_OUT_MOTIONS) & set(DYNA_MOTIONS)
+    assert np.abs(hop("50020", 0) - hop("50020", 0, 2)).max() > 0.05
 
 
 @pytest.mark.parametrize("motion", HELD_OUT_MOTIONS)
@@ -245,9 +212,3 @@ def test_bending_reaches_for_the_floor_and_then_up():
     wrists_m, head_m = found.joints_m[:, 20:22, 1], found.joints_m[0, 15, 1]
     assert wrists_m.min() < 0.35
     assert wrists_m.max() > head_m + 0.2
-
-
-def test_an_unknown_motion_is_refused():
-    skeleton = Skeleton(body("female").data, SUBJECTS["female"][1].betas)
-    with pytest.raises(DsnetError, match="'moonwalk'; expected one of hips"):
-        perform("moonwalk", "50020", skeleton, frame_count=10, fps=60.0)

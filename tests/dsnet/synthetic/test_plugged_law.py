@@ -32,14 +32,3 @@ def test_they_make_a_corpus(tmp_path, monkeypatch, runs):
         found = truth.array("offsets")[one.frames]
         np.testing.assert_allclose(found, np.repeat(lag_m[:, None], 6890, 1), atol=1e-6)
     assert len(dyna_sequences([corpus.file("dyna_female.h5")])) == 1
-
-
-@pytest.mark.parametrize("flag", ["--tissue", "--form"])
-def test_without_the_module_they_are_one_line_and_nothing_is_made(flag, capsys, runs):
-    with pytest.raises(SystemExit) as stopped:
-        cli.main([*COMMAND, flag, "second"])
-    printed = capsys.readouterr().err
-    assert (stopped.value.code, printed.count("\n")) == (2, 1)
-    assert f"{flag} second; expected one of" in printed
-    assert "DSNET_PLUGINS the module that registers second" in printed
-    assert not runs.exists()

@@ -13,7 +13,6 @@ import pytest
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
-from bridge.errors import DsnetError
 from bridge.motion import sequences_of, subject_rows, unpack_theta
 from bridge.motion.resampling import load_motion
 from bridge.runs import read_artifact
@@ -192,14 +191,3 @@ def test_the_sample_of_amass_is_done_by_a_known_and_a_new_person():
     np.testing.assert_allclose(known[:, :66], new[:, :66], atol=1e-6)
     # The same pose, about each person's own root joint.
     assert np.abs(known[:, 66:] - new[:, 66:]).max() > 1e-4
-
-
-@pytest.mark.parametrize("folder", ["nowhere", "empty"])
-def test_a_folder_without_motions_is_refused(folder, tmp_path, monkeypatch):
-    monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(
-        DsnetError, match=r"no \.npz or .*\.bvh or .* and no motion; expected a folder"
-    ):
-        stage.main(replace(TINY, amass=tmp_path / folder))
-    assert not list(tmp_path.glob("runs/tiny/*"))

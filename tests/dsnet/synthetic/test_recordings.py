@@ -12,7 +12,6 @@ from bridge.body.posing import shaped_vertices
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence
 from bridge.motion.splits import CELLS, cell_of
-from bridge.options import check_options
 from dsnet.synthetic.motions import DYNA_MOTIONS
 from dsnet.synthetic.recordings import CorpusConfig, plan_of
 from dsnet.synthetic.stage_corpus import PROFILES
@@ -139,13 +138,6 @@ def test_subjects_differ_from_lean_to_heavy(gender):
 def test_what_there_is_not_is_refused(motions, complaint):
     with pytest.raises(DsnetError, match=complaint):
         plan_of(CorpusConfig(motions=motions))
-
-
-def test_people_there_are_not_are_refused():
-    every = max(map(len, SUBJECTS.values()))
-    check_options(CorpusConfig(subjects=every))
-    with pytest.raises(DsnetError, match=f"--subjects {every + 1}; expected 1 to {every}"):
-        check_options(CorpusConfig(subjects=every + 1))
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """The real thing: every engine in its process, on each of its operations, and no row that fails.
 
-The command asks them all cases in `tests/end_to_end/test_verify.py`.
+The command asks them all cases in `tests/end_to_end/test_whole_runs.py`.
 """
 
 from __future__ import annotations

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from pathlib import Path
 
@@ -12,30 +11,16 @@ import pytest
 from bridge.body import load_body_model
 from bridge.exchange import save_weights
 from bridge.exchange.engine import load_tensors
-from bridge.exchange.weights import autoencoder_shapes, dsnet_shapes
-from bridge.motion import MotionSequence, to_manifest
-from bridge.runs import ArtifactWriter, Run, write_artifact
+from bridge.motion import MotionSequence
+from bridge.runs import ArtifactWriter, Run
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.verify import draws
 from dsnet.verify.checks import full_size_checks
 from dsnet.verify.compare import verify
 from dsnet.verify.draws import SMALL_WIDTHS
 from dsnet.verify.trained_checks import trained_checks
+from tests.forged.artifacts import put
 from tests.forged.plus import write_plus
-
-
-def count(shapes: dict[str, tuple[int, ...]]) -> int:
-    return sum(math.prod(shape) for shape in shapes.values())
-
-
-def test_shapes_have_the_papers_numbers_of_parameters():
-    assert count(dsnet_shapes()) == 65_140
-    assert count(autoencoder_shapes()) == 33_626_606
-
-
-def test_one_kernel_of_the_small_autoencoder_is_square():
-    squares = [n for n, s in autoencoder_shapes(SMALL_WIDTHS).items() if s[0] == math.prod(s[1:])]
-    assert "encoder.conv_2.weight" in squares
 
 
 def test_names_are_unique_and_all_numbers_are_float32(checks):
@@ -86,14 +71,7 @@ def trained_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
         "offsets": rng.normal(scale=1e-3, size=(frames, 40, 3)).astype(np.float32),
     }
     for stage in ("align", "encode"):
-        write_artifact(
-            tmp_path / "r" / stage,
-            stage,
-            arrays,
-            units=dict.fromkeys(arrays, "1"),
-            data="synthetic",
-            sequences=to_manifest(sequences),
-        )
+        put(tmp_path / "r" / stage, arrays, sequences)
     train = ArtifactWriter(tmp_path / "r" / "train", "train", data="synthetic")
     sizes = {"input": 79, "latent": 100}
     scaling = {f"scaling/{k}_mean": rng.normal(size=n).astype(np.float32) for k, n in sizes.items()}
@@ -149,14 +127,7 @@ def test_graphs_of_a_runs_own_predictors_are_checked(tmp_path, monkeypatch, run_
         "theta": rng.normal(0, 0.2, (40, 69)).astype(np.float32),
         "betas": rng.normal(size=(2, 10)).astype(np.float32),
     }
-    write_artifact(
-        tmp_path / "r" / "align",
-        "align",
-        arrays,
-        units=dict.fromkeys(arrays, "1"),
-        data="synthetic",
-        config={"smpl": "embedded:female"},
-    )
+    put(tmp_path / "r" / "align", arrays, config={"smpl": "embedded:female"})
     write_plus(Run("r"), TrainedPlus.from_arrays(draws.tissue(0, body)))
     checks = trained_checks(Run("r"))
     assert [check.op for check in checks] == ["plus_graph"]

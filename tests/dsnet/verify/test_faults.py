@@ -8,14 +8,7 @@ from pathlib import Path
 import pytest
 
 from dsnet.verify.compare import Row, diagnose, verify
-from dsnet.verify.engines import (
-    ENGINES,
-    Check,
-    EngineResult,
-    RunEngine,
-    run_engine,
-    write_requests,
-)
+from dsnet.verify.engines import ENGINES, Check, EngineResult, RunEngine, run_engine, write_requests
 from tests.forged.faults import FAULTS, FAULTY, shown_by_torch, spoilt
 
 

@@ -9,7 +9,6 @@ from itertools import product
 import numpy as np
 import pytest
 
-from bridge import DsnetError
 from bridge.exchange.engine import load_tensors, save_tensors
 from bridge.runs import read_artifact, write_artifact
 from dsnet.verify import compare, stage_verify
@@ -117,13 +116,6 @@ def test_what_was_compared_is_recorded(verify, tmp_path, monkeypatch, trained, c
     verify(replace(CONFIG, trained=trained))
     upstream = read_artifact(tmp_path / "r" / "verify").manifest["upstream"]
     assert upstream == {stage: stages[stage].content_sha256 for stage in compared}
-
-
-def test_unknown_run(tmp_path, monkeypatch):
-    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
-    with pytest.raises(DsnetError, match="unknown run 'nope'"):
-        stage_verify.main(stage_verify.VerifyConfig(run="nope"))
-    assert not list(tmp_path.iterdir())
 
 
 def test_an_interrupt_leaves_nothing(tmp_path, monkeypatch):

@@ -9,17 +9,15 @@ import numpy as np
 import pytest
 
 from benchmarks.claims import networks
-from benchmarks.claims.batch_norm import outside
-from benchmarks.claims.by_the_paper import ByThePaper, unscaled
-from benchmarks.claims.looked_into import exchanged, probe
+from benchmarks.claims.by_the_paper import ByThePaper
+from benchmarks.claims.looked_into import probe
 from benchmarks.claims.references import InComponents, ScoredMotion
 from benchmarks.plugin import predictors
 from benchmarks.systems.dsnet_variants import DsnetVariant
 from bridge.body import BodyModelData
-from bridge.exchange.dsnet import TrainedDsnet, UnpaddedClip
+from bridge.exchange.dsnet import UnpaddedClip
 from bridge.exchange.train_options import PredictorSettings
 from bridge.motion.splits import CELLS
-from tf_dsnet.model import build_dsnet, named_weights
 from tf_dsnet.predictors import DsnetPredictor, TrainingData
 
 RNG = np.random.default_rng(0)
@@ -40,33 +38,6 @@ def test_a_probe_finds_velocities_where_they_are_and_nowhere_else() -> None:
 
     assert r2(told) > 0.95
     assert r2(lambda theta: theta) < 0.1
-
-
-def scored(name: str, cell: str, person: int) -> ScoredMotion:
-    codes = np.full((5, 100), 1.0 + person)
-    squares = np.square(codes).sum(axis=1)
-    betas = np.full(10, float(person))
-    return ScoredMotion(
-        name, cell, np.zeros((5, 69)), betas, InComponents(codes, 0 * squares, squares)
-    )
-
-
-def test_other_betas_cost_what_the_predictor_makes_of_them() -> None:
-    known = "known_person_known_motion"
-    those = [
-        scored("a_hips", known, 0),
-        scored("b_hips", known, 1),
-        scored("a_jump", "validation", 0),
-        scored("n_hips", "new_person_known_motion", 3),
-    ]
-    found = exchanged(lambda theta, betas: np.full((5, 100), 1.0 + betas[0]), those)
-    assert found[known]["own"] == 1.0
-    # Each is off by 1 where the sizes are 1 and 2.
-    assert found[known]["other"] == pytest.approx(1 - 2 / 5)
-    assert found["validation"]["other"] == pytest.approx(0.0)
-    deaf = exchanged(lambda theta, betas: np.full((5, 100), 1.5), those)
-    assert deaf[known]["difference"] == 0.0
-    assert deaf[known]["own"] == deaf[known]["other"]
 
 
 def clips(count: int, frames: int = 12, size: int = 100) -> list[UnpaddedClip]:
@@ -137,14 +108,3 @@ def test_a_killed_study_goes_on_after_the_systems_that_it_has(body, tmp_path, mo
     assert found["systems"]["dsnet_pca"]["r2"] == "kept"
     assert set(found["systems"]["dsnet_two_frames"]["r2"]) == {one.cell for one in data.tested}
     assert found["exchanged_betas"] == kept["exchanged_betas"]
-
-
-def test_values_outside_are_counted(monkeypatch) -> None:
-    weights = named_weights(build_dsnet())
-    weights["batch_norm/gamma"] = np.zeros(60, np.float32)
-    weights["batch_norm/beta"] = np.where(np.arange(60) < 15, 2, 0.5).astype(np.float32)
-    trained = TrainedDsnet("dsnet", weights, unscaled(clips(1)[0]))
-    monkeypatch.setattr("benchmarks.claims.batch_norm.load_unpadded_clips", lambda *_: clips(2))
-    for layers in outside(trained, None).values():  # pyright: ignore
-        assert layers["batch_norm"] == {"outside": 0.25, "largest": 2.0}
-        assert layers["lstm"]["outside"] == 0.0

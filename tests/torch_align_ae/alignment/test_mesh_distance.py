@@ -52,29 +52,6 @@ def test_a_bones_jacobian_is_the_derivative_of_its_rotation(axis, angle):
     np.testing.assert_allclose(bones.pose_features[..., 0, 0], rotation - torch.eye(3), atol=1e-12)
 
 
-@pytest.fixture(scope="module")
-def objective(smpl):
-    return MeshDistance(smpl)
-
-
-def test_patches_hold_every_vertex_once(objective, smpl):
-    vertices = torch.cat([patch.vertices for patch in objective.patches])
-    assert sorted(vertices.tolist()) == list(range(smpl.vertex_count))
-
-
-def test_patches_leave_out_only_zeros(objective, smpl):
-    weights = sum(patch.weights.sum() for patch in objective.patches)
-    posedirs = sum(patch.posedirs.abs().sum() for patch in objective.patches)
-    # The features of the hands, which never move in theta, are the last 18.
-    np.testing.assert_allclose(weights, smpl.vertex_count, rtol=1e-5)
-    np.testing.assert_allclose(posedirs, smpl.posedirs[:-18].abs().sum(), rtol=1e-5)
-
-
-def test_restore_undoes_arrange(objective):
-    mesh = torch.randn(2, 6890, 3)
-    np.testing.assert_array_equal(objective.restore(objective.arrange(mesh)), mesh)
-
-
 def random_problem(smpl, dtype, seed=0):
     generator = torch.Generator().manual_seed(seed)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import h5py
 import numpy as np
 import pytest
 import torch
@@ -10,9 +9,7 @@ import torch
 from benchmarks.alignment.in_memory import align_sequences
 from benchmarks.alignment.lesser_laws import WeightsAlone
 from benchmarks.laws.captured import CapturedForm
-from bridge.errors import DsnetError
-from bridge.meshes.dyna_files import write_dyna
-from bridge.motion import MotionSequence, sequences_of, unpack_theta
+from bridge.motion import MotionSequence, unpack_theta
 from bridge.runs import Run, workers
 from bridge.tissue.oscillators import node_loads
 from dsnet.synthetic.motions import Skeleton, perform
@@ -193,9 +190,6 @@ def test_clips_are_spread_over_all_recordings():
     assert sum(stop - start for _, start, stop in clips) <= 96
     assert all(0 <= start < stop <= own.length for own, start, stop in clips)
     assert {own.length for own, *_ in clips} >= {100, 60, 40}
-
-
-def test_a_lone_frame_is_a_clip():
     assert [(start, stop) for _, start, stop in evenly_spaced_clips([sequence(1)], 96)] == [(0, 1)]
 
 
@@ -221,30 +215,6 @@ def arrays_of(config):
     return artifact, {name: np.array(artifact.array(name)) for name in artifact.manifest["arrays"]}
 
 
-def test_artifact_has_the_contracts_arrays(config):
-    _, arrays = arrays_of(config)
-    shapes = {name: array.shape for name, array in arrays.items()}
-    assert shapes == {
-        "betas": (2, 10),
-        "theta": (58, 69),
-        "offsets": (58, 6890, 3),
-        "frame_error": (58,),
-    }
-
-
-def test_rows_describe_their_frames(config, smpl):
-    artifact, arrays = arrays_of(config)
-    with h5py.File(config.dyna[0]) as file:
-        for sequence in sequences_of(artifact):
-            rows = sequence.frames
-            pose, trans = (torch.tensor(part) for part in unpack_theta(arrays["theta"][rows]))
-            row = {"50004": 0, "50020": 1}[sequence.subject]
-            betas = torch.tensor(arrays["betas"][row]).expand(sequence.length, -1)
-            mesh = np.moveaxis(np.asarray(file[sequence.name]), -1, 0)
-            offsets = torch.tensor(arrays["offsets"][rows])
-            np.testing.assert_allclose(smpl(betas, pose, trans, offsets), mesh, atol=2e-5)
-
-
 def test_resuming_ends_with_the_same_bytes(config, monkeypatch):
     _, whole = arrays_of(config)
     fit_frames, calls = RobustFit.fit_frames, []
@@ -265,14 +235,3 @@ def test_resuming_ends_with_the_same_bytes(config, monkeypatch):
     assert whole.keys() == resumed.keys()
     for name, array in whole.items():
         np.testing.assert_array_equal(resumed[name], array, err_msg=name)
-
-
-def test_meshes_in_another_order_are_refused(config, body, smpl, tmp_path):
-    shuffled = np.random.default_rng(0).permutation(6890)
-    with write_dyna(tmp_path / "odd.h5", body.faces) as add:
-        mesh = smpl(torch.zeros(1, 10), torch.zeros(1, 22, 3), torch.zeros(1, 3)).numpy()
-        add("50004_hips", np.repeat(mesh[:, shuffled], 4, 0))
-    odd = AlignConfig(**{**vars(config), "dyna": (tmp_path / "odd.h5",)})
-    with pytest.raises(DsnetError, match=r"50004_hips.*SMPL's vertex order"):
-        main(odd)
-    assert not (Run("t").path / "align").exists()

@@ -46,28 +46,6 @@ def test_recovers_shape_within_the_methods_floor(objective, smpl, motion):
     assert abs(found[0][0, 0] - 0.6) < 0.1
 
 
-def test_descent_is_torchs_sgd_on_the_unsquared_norm(objective, smpl, motion):
-    pose, trans = (part[:1] for part in motion(1))
-    betas = torch.zeros(1, 10)
-    target = smpl(betas, pose, trans)
-    variables = [(pose + 0.05).requires_grad_(), (trans + 0.05).requires_grad_()]
-    optimizer = torch.optim.SGD(variables, lr=1e-4, momentum=0.9)
-    # `fit_pose` returns the best of the iterates it has seen, so one step less is compared.
-    for _ in range(5):
-        optimizer.zero_grad()
-        (smpl(betas, *variables) - target).norm().backward()
-        optimizer.step()
-    found = fit_pose(
-        objective.shapes(betas),
-        (pose + 0.05, trans + 0.05),
-        objective.arrange(target),
-        6,
-        Descent(),
-    )
-    np.testing.assert_allclose(found[0], variables[0].detach(), atol=1e-5)
-    np.testing.assert_allclose(found[1], variables[1].detach(), atol=1e-5)
-
-
 def test_steps_are_torchs_to_the_last_bit():
     generator = torch.Generator().manual_seed(0)
     start = torch.randn(2, 3, 3, generator=generator), torch.randn(2, 4, generator=generator)
@@ -94,24 +72,6 @@ def test_each_body_keeps_its_closest_iterate_or_the_last(iterate, fitted):
         descending.step(torch.tensor(distance), -torch.ones(2, 1))
     assert descending.variables[0].tolist() == [[3.0], [3.0]]
     assert descending.fitted()[0].tolist() == fitted
-
-
-def test_batch_equals_singles(objective, smpl, motion):
-    pose, trans = motion(3)
-    betas = torch.zeros(3, 10)
-    betas[:, 0] = torch.tensor([-1.0, 0.0, 1.0])
-    target = objective.arrange(smpl(betas, pose, trans))
-    shapes = objective.shapes(betas)
-
-    def fit(rows):
-        start = pose[rows] + 0.02, trans[rows]
-        return fit_pose(shapes.rows(rows), start, target[rows], 20, Descent())
-
-    together = fit(slice(0, 3))
-    for row in range(3):
-        alone = fit(slice(row, row + 1))
-        np.testing.assert_allclose(together[0][row], alone[0][0], atol=1e-4)
-        np.testing.assert_allclose(together[1][row], alone[1][0], atol=1e-4)
 
 
 def test_rigid_start_finds_a_person_who_looks_the_other_way(objective, smpl):

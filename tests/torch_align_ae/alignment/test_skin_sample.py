@@ -59,15 +59,3 @@ def test_jacobian_is_the_derivative(linearised, sample64, smpl64, betas, lively)
     exact = (ours - by_pose).abs() < 1e-10
     assert exact.double().mean() > 0.99
     torch.testing.assert_close(jacobian[1, 22].permute(1, 2, 0), by_trans)
-
-
-def test_scale_multiplies_rows(sample, betas, lively, as_pose):
-    shaped = sample.shaped(betas)
-    frames = shaped.posed(as_pose(*lively(1)))
-    patch = sample.patches[1]
-    ones = torch.ones(patch.weights.shape[1])
-    scale = torch.linspace(0.1, 2, len(ones))
-    plain = patch.linearise(frames, ones)
-    scaled = patch.linearise(frames, scale)
-    for ours, before in zip(scaled, plain, strict=True):
-        torch.testing.assert_close(ours, before * scale, rtol=1e-5, atol=1e-6)

@@ -268,11 +268,6 @@ def test_evidence_may_come_in_portions(first):
         torch.testing.assert_close(getattr(parts, name), getattr(whole, name))
 
 
-def test_weights_fall_with_deviation():
-    learned = Tissue(torch.zeros(1, 3), torch.tensor([0.0, 1e-4, 1e-3]), torch.zeros(()))
-    torch.testing.assert_close(learned.weights(1e-4), torch.tensor([1.0, 0.5, 1 / 101]))
-
-
 def test_noise_is_not_taken_for_softness():
     """Bone that shakes in the scanner: its noise, and the noise that its acceleration holds."""
     noise, other = draws(4000), draws(4000, seed=1)
@@ -297,6 +292,8 @@ def test_what_all_vertices_deviate_by_tells_nothing_where_there_is_noise():
     assert exact.weights(1e-4)[:3].max() < 0.01
 
 
-def test_noise_widens_what_counts_half():
+def test_weights_fall_with_deviation_and_noise_widens_what_counts_half():
+    learned = Tissue(torch.zeros(1, 3), torch.tensor([0.0, 1e-4, 1e-3]), torch.zeros(()))
+    torch.testing.assert_close(learned.weights(1e-4), torch.tensor([1.0, 0.5, 1 / 101]))
     learned = Tissue(torch.zeros(0, 1), torch.tensor([5e-4]), torch.tensor(4e-4))
     torch.testing.assert_close(learned.weights(3e-4), torch.tensor([0.5]))

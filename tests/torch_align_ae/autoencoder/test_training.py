@@ -235,12 +235,6 @@ def test_an_epoch_shows_every_training_frame_once(tmp_path):
     np.testing.assert_array_equal(key(other), key(expected))
 
 
-def test_a_plan_says_its_steps():
-    unsaid = {}
-    with pytest.raises(TypeError, match="steps"):
-        TrainingPlan(**unsaid)
-
-
 def test_the_first_validation_loss_is_computed_reproducibly(tmp_path, monkeypatch):
     torch.use_deterministic_algorithms(False)
     job, seen = training(tmp_path, TrainingPlan(steps=1, batch_size=64)), []

@@ -14,40 +14,22 @@ from bridge.motion import load_motion, unpack_theta
 from bridge.motion.skeletons import plain_names
 from tests.forged.bvh import Skeleton, text, world_of
 from tests.forged.lively import lively
+from tests.forged.walks import MIXAMO, named
 
 FRAMES = 12
 REST_M = shaped_joints(load_body_model("embedded:female"), np.zeros((1, 10)))[0]
 SMPL = Skeleton(SMPL_JOINT_NAMES, SMPL_PARENTS, REST_M)
-MIXAMO = (
-    "Hips", "LeftUpLeg", "RightUpLeg", "Spine", "LeftLeg", "RightLeg", "Spine1", "LeftFoot",
-    "RightFoot", "Spine2", "LeftToeBase", "RightToeBase", "Neck", "LeftShoulder", "RightShoulder",
-    "Head", "LeftArm", "RightArm", "LeftForeArm", "RightForeArm", "LeftHand", "RightHand",
-    "LeftHandIndex1", "RightHandIndex1",
-)  # fmt: skip
-LIMB_JOINTS = ("UpLeg", "Leg", "Foot", "ToeBase", "Shoulder", "Arm", "ForeArm", "Hand")
-
-
-def renamed(middle: dict[str, str], limbs: str, style: str) -> dict[str, str]:
-    """Another program's name for each of Mixamo's: `style` of a side's letter and a joint."""
-    sides = {
-        f"{side}{theirs}": style.format(side[0], side[0].lower(), name)
-        for side in ("Left", "Right")
-        for theirs, name in zip(LIMB_JOINTS, limbs.split(), strict=True)
-    }
-    return middle | sides
-
-
-BIPED = renamed(
-    {"Hips": "Bip01_Pelvis", "Spine": "Bip01_Spine", "Spine1": "Bip01_Spine1",
-     "Spine2": "Bip01_Spine2", "Neck": "Bip01_Neck", "Head": "Bip01_Head"},
-    "Thigh Calf Foot Toe Clavicle UpperArm Forearm Hand",
-    "Bip01_{0}_{2}",
-)  # fmt: skip
-DAZ = renamed(
-    {"Hips": "hip", "Spine": "abdomen", "Spine2": "chest", "Neck": "neck", "Head": "head"},
-    "Thigh Shin Foot Toe Collar Shldr ForeArm Hand",
-    "{1}{2}",
+BIPED = named(
+    "Bip01_Pelvis,Bip01_Spine,Bip01_Spine1,Bip01_Spine2,Bip01_Neck,Bip01_Head",
+    "Thigh,Calf,Foot,Toe,Clavicle,UpperArm,Forearm,Hand",
+    "Bip01_{S}_{name}",
 )
+DAZ = named(
+    "hip,abdomen,Spine1,chest,neck,head",
+    "Thigh,Shin,Foot,Toe,Collar,Shldr,ForeArm,Hand",
+    "{s}{name}",
+)
+CMU = [{"Spine": "LowerBack", "Spine1": "Spine", "Spine2": "Spine1"}.get(n, n) for n in MIXAMO]
 LIMBS = [(1, 4), (2, 5), (4, 7), (5, 8), (16, 18), (17, 19), (18, 20), (19, 21)]
 
 
@@ -126,17 +108,9 @@ def test_arms_that_hang_at_rest_hang_in_smpl(tmp_path, down_deg):
     np.testing.assert_allclose(turned[:, trunk], still[:, trunk], atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("program", "calls"),
-    [
-        ("cmu", {"Spine": "LowerBack", "Spine1": "Spine", "Spine2": "Spine1"}),
-        ("biped", BIPED),
-        ("daz", DAZ),
-    ],
-)
-def test_whole_skeletons_of_other_names_are_found(tmp_path, program, calls):
+@pytest.mark.parametrize("names", [CMU, BIPED, DAZ], ids=["cmu", "biped", "daz"])
+def test_whole_skeletons_of_other_names_are_found(tmp_path, names):
     pose, places_m = pose_and_places()
-    names = [calls.get(name, name) for name in MIXAMO]
     skeletons = (Skeleton(MIXAMO, SMPL_PARENTS, REST_M), Skeleton(names, SMPL_PARENTS, REST_M))
     first, second = (
         load_motion(write(tmp_path / f"{n}.bvh", one, world_of(pose), places_m)).theta

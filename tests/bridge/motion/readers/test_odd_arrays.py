@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from bridge import DsnetError
 from bridge.motion import Motion, load_motion
 from bridge.motion.readers import read_motion_file
-from tests.forged.motion_kinds import FRAMES, joints_m, walk
+from tests.forged.walks import FRAMES, joints_m, walk
 
 POSE, PLACES_M = walk()
 MATRICES = Rotation.from_rotvec(POSE.reshape(-1, 3)).as_matrix().reshape(FRAMES, 22, 3, 3)

@@ -16,16 +16,9 @@ from bridge import DsnetError
 from bridge.motion import load_motion
 from bridge.motion.readers import find_motion_files, pickles, read_motion_file
 from tests.forged.amass import save, smplh
-from tests.forged.motion_kinds import (
-    FRAMES,
-    KINDS,
-    by_joblib,
-    by_torch,
-    joints_m,
-    person,
-    walk,
-    y_up,
-)
+from tests.forged.foreign_pickles import by_joblib, by_torch
+from tests.forged.motion_kinds import KINDS
+from tests.forged.walks import FRAMES, joints_m, person, walk, y_up
 
 FPS = 60.0
 
@@ -106,13 +99,6 @@ def test_a_path_that_any_python_wrote_is_not_read(tmp_path: Path, module: bytes)
     before, _, after = pickle.dumps(person, protocol=2).partition(b"cpathlib")
     (tmp_path / "a.pkl").write_bytes(before + b"c" + module + after[after.index(b"\n") :])
     assert len(read_motion_file(tmp_path / "a.pkl").theta) == len(y_up())
-
-
-def test_what_torch_itself_writes_is_read() -> None:
-    """The forged file has its shape: the pickle's names, and numbers beside it."""
-    names = by_torch({"pose": np.zeros(3)})
-    for part in (b"torch._utils\n_rebuild_tensor_v2", b"torch\nDoubleStorage", b"results/data/0"):
-        assert part in names
 
 
 def test_joints_of_mdm_are_its_first_sample(tmp_path: Path) -> None:

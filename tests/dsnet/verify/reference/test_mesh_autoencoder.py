@@ -46,13 +46,3 @@ def test_gradients_of_every_parameter():
 
         found = (loss(1e-6) - loss(-1e-6)) / 2e-6
         assert_allclose((gradient * direction).sum(), found, rtol=1e-5, atol=1e-8, err_msg=name)
-
-
-def test_batch_is_its_singles():
-    weights, values = small()
-
-    def last(rows: np.ndarray) -> np.ndarray:
-        return mesh_autoencoder.forward(weights, rows).outputs["to_coordinates"]
-
-    alone = [last(values[k : k + 1])[0] for k in range(3)]
-    assert_allclose(last(values), alone, rtol=1e-12, atol=1e-14)

@@ -1,4 +1,4 @@
-"""Runs with other predictors than the usual ones go through every later stage."""
+"""Whole runs: of two seeds, of one or an added predictor, and verified."""
 
 from __future__ import annotations
 
@@ -9,8 +9,28 @@ import shutil
 import pytest
 
 from bridge.runs import read_artifact
+from dsnet.verify.checks import random_checks
+from dsnet.verify.engines import REFERENCE
 from tests.forged.plugin import use_plugin
 from tests.pages import python_blocks
+from tests.smoke_run import link_run
+
+
+@pytest.mark.slow
+def test_two_seeds_stand_in_one_report(smoke_runs, execute, tmp_path):
+    runs = link_run(smoke_runs, tmp_path)
+    done = execute(["./reproduce.sh", "--profile", "smoke", "--seeds", "2"], runs)
+    assert done.returncode == 0, done.stderr
+    made = [runs / run / "train_plus" for run in ("smoke", "smoke-seed1")]
+    first, second = (read_artifact(path).content_sha256 for path in made)
+    assert first != second
+    seeds = json.loads((runs / "smoke" / "report" / "results.json").read_text())["seeds"]
+    assert seeds["seeds"] == [0, 1]
+    for name in ("dsnet_standardised", "dsnet_faithful", "dsnet_plus"):
+        assert seeds["cells"]["validation"][name]["offsets"]["r2"]["sd"] > 0
+    page = (runs / "smoke" / "report" / "report.md").read_text()
+    assert "trainings from seeds 0, 1 on one alignment" in page
+
 
 ALONE = ("train", "--predictors", "dsnet_standardised")
 LATER = ("infer", "decode", "evaluate", "report")
@@ -51,3 +71,26 @@ def test_an_added_network_reaches_the_report_by_one_command(
     )
     measured = results["cells"]["validation"]
     assert {"gru", "dsnet_faithful", "dsnet_plus"} <= set(measured)
+
+
+@pytest.mark.slow
+def test_a_trained_run_verifies_and_its_report_says_so(smoke_runs, tmp_path, execute):
+    shutil.copytree(smoke_runs / "smoke", tmp_path / "smoke")
+    verified = execute([".venv/bin/dsnet", "verify", "--profile", "smoke"], tmp_path)
+    assert (verified.returncode, verified.stderr) == (0, ""), verified.stdout
+    for check in ("dsnet-standardised", "dsnet-faithful-stream", "ae-trained-gradients"):
+        assert f"\n{check} " in verified.stdout
+    parity = json.loads((tmp_path / "smoke" / "verify" / "parity.json").read_text())
+    shown = [*parity["rows"], *parity["skipped"]]  # on a GPU, where there is none
+    rows = {(row["check"], row["engine"], row["dtype"]) for row in shown}
+    assert rows >= {
+        (check.name, engine, dtype)
+        for check in random_checks(0, "embedded:female")
+        for engine in check.engines
+        if engine != REFERENCE
+        for dtype in check.precisions(engine)
+    }
+    reported = execute([".venv/bin/dsnet", "report", "--profile", "smoke"], tmp_path)
+    assert reported.returncode == 0, reported.stderr
+    page = (tmp_path / "smoke" / "report" / "report.md").read_text()
+    assert "rows hold**" in page

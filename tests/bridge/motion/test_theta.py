@@ -1,4 +1,4 @@
-"""The 69-vector: packing and unpacking are inverse, and nothing else is accepted."""
+"""The 69-vector: packing and unpacking are inverse; and the sequences of a run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge import DsnetError
-from bridge.motion import pack_theta, unpack_theta
+from bridge.motion import MotionSequence, pack_theta, unpack_theta
 
 
 @given(st.integers(0, 5), st.integers(22, 24), st.integers(0, 2**32 - 1))
@@ -38,3 +38,18 @@ def test_pack_refuses_other_shapes(shape):
 def test_unpack_refuses_smpls_own_72():
     with pytest.raises(DsnetError, match="69"):
         unpack_theta(np.zeros((2, 72)))
+
+
+@pytest.mark.parametrize("length", [1, 4, 5, 8, 9])
+def test_pieces_are_all_frames_in_order(length: int) -> None:
+    sequence = MotionSequence("a_b", "a", "b", 7, length, 60.0)
+    pieces = list(sequence.pieces(4))
+    assert [row for piece in pieces for row in range(piece.start, piece.stop)] == list(
+        range(7, 7 + length)
+    )
+    assert all(0 < piece.stop - piece.start <= 4 for piece in pieces)
+
+
+def test_a_usual_sequence_is_one_piece() -> None:
+    sequence = MotionSequence("a_b", "a", "b", 7, 900, 60.0)
+    assert list(sequence.pieces()) == [sequence.frames]

@@ -1,0 +1,221 @@
+"""One walk on one skeleton, as a BVH and as SMPL's arrays of many layouts."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bridge.body import load_body_model
+from bridge.body.model_data import SMPL_PARENTS
+from bridge.body.posing import shaped_joints
+from bridge.motion import load_motion, unpack_theta
+from tests.forged.bvh import Skeleton, text, world_of
+
+FRAMES, FPS = 90, 60.0
+MIXAMO = (
+    "Hips", "LeftUpLeg", "RightUpLeg", "Spine", "LeftLeg", "RightLeg", "Spine1", "LeftFoot",
+    "RightFoot", "Spine2", "LeftToeBase", "RightToeBase", "Neck", "LeftShoulder", "RightShoulder",
+    "Head", "LeftArm", "RightArm", "LeftForeArm", "RightForeArm", "LeftHand", "RightHand",
+    "LeftHandEnd", "RightHandEnd",
+)  # fmt: skip
+_HALF = {
+    0: (0, 0, 0), 1: (9.5, -5, 0), 3: (0, 11, -0.5), 4: (9.5, -46, 0), 6: (0, 23, -0.5),
+    7: (9.5, -86, 0), 9: (0, 35, -0.5), 10: (9.5, -93, 13), 12: (0, 51, -0.5),
+    13: (5.5, 47.5, -0.5), 15: (0, 60, 1), 16: (17, 47.5, -0.5), 18: (44, 47.5, -0.5),
+    20: (68.5, 47.5, -0.5), 22: (78.5, 47.5, -0.5),
+}  # fmt: skip
+REST_CM = np.array(
+    [_HALF[n] if n in _HALF else np.multiply(_HALF[n - 1], (-1, 1, 1)) for n in range(24)], float
+)
+Turns = Mapping[int, np.ndarray]
+
+
+def about(axis: str, degrees: float) -> np.ndarray:
+    """(3, 3) rotation."""
+    return Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+
+
+@cache
+def walk() -> tuple[np.ndarray, np.ndarray]:
+    """Pose (T, 22, 3) and places of the pelvis (T, 3), metres, y up."""
+    pose, places_m = unpack_theta(load_motion("sample:walking").theta[:FRAMES])
+    return pose, np.asarray(places_m, np.float64)
+
+
+def bvh(
+    names: Sequence[str] = MIXAMO,
+    frames: Turns | None = None,
+    world: np.ndarray | None = None,
+    mirror: bool = False,
+) -> str:
+    """The walk as a BVH.
+
+    Parameters
+    ----------
+    frames : what turns a T's joints into the file's, by joint, others not at all.
+    world : (3, 3) what turns y up into the file's world.
+    mirror : whether x goes the other way round.
+    """
+    pose, places_m = walk()
+    own = {joint: (frames or {}).get(joint, np.eye(3)) for joint in range(24)}
+    outer = np.eye(3) if world is None else world
+    turns = np.stack([outer @ world_of(pose)[:, n] @ own[n].T for n in range(24)], axis=1)
+    rest = REST_CM.copy()
+    for joint, parent in enumerate(SMPL_PARENTS):
+        if parent >= 0:
+            rest[joint] = rest[parent] + own[parent] @ (REST_CM[joint] - REST_CM[parent])
+    root = 100 * places_m @ outer.T
+    if mirror:
+        sign = np.diag([-1.0, 1.0, 1.0])
+        turns, rest, root = sign @ turns @ sign, rest @ sign, root @ sign
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Gimbal lock")  # where a world lies on its side
+        return text(Skeleton(names, SMPL_PARENTS, rest), turns, root)
+
+
+def undone_hips() -> str:
+    """Joints of no length undo the root's turn."""
+    pose, places_m = walk()
+    world = world_of(pose)
+    extra = ["LHipJoint", "RHipJoint", "LowerBack"]
+    parents, rest = [*SMPL_PARENTS, 0, 0, 0], np.concatenate([REST_CM, np.zeros((3, 3))])
+    parents[1], parents[2], parents[3] = 24, 25, 26
+    turns = np.concatenate([world, np.repeat(world[:, :1], 3, axis=1)], axis=1)
+    turns[:, 0] = world[:, 0] @ about("y", 80)
+    order = [0, 24, 25, 26, *range(1, 24)]
+    names = [[*MIXAMO, *extra][n] for n in order]
+    moved = [-1 if parents[n] < 0 else order.index(parents[n]) for n in order]
+    return text(Skeleton(names, moved, rest[order]), turns[:, order], 100 * places_m)
+
+
+def named(middle: str, limbs: str, style: str) -> list[str]:
+    """Names of hips, three of a spine, neck and head, then of a side's limbs in a style.
+
+    Limbs are thigh, shin, foot, toe, collar, upper arm, forearm and hand; the style has `{side}`,
+    `{s}`, `{S}` and `{name}`.
+    """
+    found: list[str] = [*MIXAMO]
+    for number, name in zip((0, 3, 6, 9, 12, 15), middle.split(","), strict=True):
+        found[number] = name
+    for number, name in zip((1, 4, 7, 10, 13, 16, 18, 20), limbs.split(","), strict=True):
+        for joint, side in ((number, "Left"), (number + 1, "Right")):
+            found[joint] = style.format(side=side, s=side[0].lower(), S=side[0], name=name)
+    return found
+
+
+_X = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_ALONG_X: Turns = dict.fromkeys((0, 3, 6, 9, 12, 15), _X) | {
+    **dict.fromkeys((1, 2, 4, 5), about("z", 90)),
+    **dict.fromkeys((7, 8, 10, 11), about("y", 90)),
+    **dict.fromkeys((14, 17, 19, 21), about("z", 180)),
+}
+
+
+def along_x(*, legs: float = 0, arms: float = 0, forearms: float = 0) -> Turns:
+    """All bones along x, as LAFAN1's, and frames of limbs turned about them by so many degrees."""
+    parts = {(1, 2, 4, 5): legs, (16, 17): arms, (18, 19, 20, 21): forearms}
+    by = {joint: degrees for joints, degrees in parts.items() for joint in joints}
+    return {n: about("x", by.get(n, 0)) @ _ALONG_X.get(n, np.eye(3)) for n in range(24)}
+
+
+RAISED: Turns = {
+    **dict.fromkeys((13, 16, 18, 20, 22), about("z", 90)),
+    **dict.fromkeys((14, 17, 19, 21, 23), about("z", -90)),
+}
+TOES_DOWN: Turns = dict.fromkeys((7, 8, 10, 11), about("x", 62))
+
+
+def turned(degrees: float) -> Turns:
+    return dict.fromkeys(range(24), about("y", degrees))
+
+
+def edited(*changes: tuple[str, str]) -> str:
+    whole = bvh()
+    for pattern, put in changes:
+        whole, count = re.subn(pattern, put, whole, flags=re.MULTILINE)
+        assert count, pattern
+    return whole
+
+
+def root_reordered() -> str:
+    head, _, rows = bvh().partition("Frame Time: 0.016666667\n")
+    head = head.replace("Xposition Yposition Zposition", "Zposition Yposition Xposition")
+    lines = [row.split(" ", 3) for row in rows.splitlines()]
+    body = "\n".join(" ".join((z, y, x, *rest)) for x, y, z, *rest in lines)
+    return f"{head}Frame Time: 0.016666667\n{body}\n"
+
+
+def two_people() -> str:
+    head, _, rows = bvh().partition("MOTION\n")
+    second = head.removeprefix("HIERARCHY\n")
+    for name in MIXAMO:
+        second = re.sub(rf"(ROOT|JOINT) {name}$", rf"\1 B_{name}", second, flags=re.MULTILINE)
+    declared, time, *lines = rows.splitlines()
+    body = "\n".join(f"{line} {line}" for line in lines)
+    return f"{head}{second}MOTION\n{declared}\n{time}\n{body}\n"
+
+
+def flipped(name: str) -> str:
+    """One leaf turned round in one frame."""
+    whole = bvh()
+    head, _, rows = whole.partition("Frame Time: 0.016666667\n")
+    joints = re.findall(r"(?:ROOT|JOINT) (\w+)", head)
+    column = 3 + 3 * joints.index(name)
+    lines = [row.split() for row in rows.splitlines()]
+    lines[40][column] = str(float(lines[40][column]) + 170)
+    return f"{head}Frame Time: 0.016666667\n" + "\n".join(map(" ".join, lines)) + "\n"
+
+
+def in_radians() -> str:
+    head, _, rows = bvh().partition("Frame Time: 0.016666667\n")
+    numbers = np.array([row.split() for row in rows.splitlines()], float)
+    numbers[:, 3:] = np.radians(numbers[:, 3:])
+    body = "\n".join(" ".join(map(str, row)) for row in numbers)
+    return f"{head}Frame Time: 0.016666667\n{body}\n"
+
+
+def smpl(**changes: Any) -> dict[str, Any]:
+    """SMPL-H's arrays of the walk, z up, as AMASS has them; a change to None leaves one out."""
+    pose, places_m = walk()
+    turned = about("x", 90)
+    poses = np.zeros((FRAMES, 156))
+    poses[:, :66] = pose.reshape(FRAMES, 66)
+    poses[:, :3] = Rotation.from_matrix(turned @ matrices(pose[:, 0])).as_rotvec()
+    arrays = {"poses": poses, "trans": places_m @ turned.T, "betas": np.zeros(16),
+              "gender": "female", "mocap_framerate": FPS} | changes  # fmt: skip
+    return {name: value for name, value in arrays.items() if value is not None}
+
+
+def matrices(rotvecs: np.ndarray) -> np.ndarray:
+    return Rotation.from_rotvec(rotvecs.reshape(-1, 3)).as_matrix().reshape(*rotvecs.shape, 3)
+
+
+def y_up(width: int = 72) -> np.ndarray:
+    """(T, width) poses of a world with y up."""
+    pose, _ = walk()
+    return np.pad(pose.reshape(FRAMES, 66), ((0, 0), (0, width - 66)))
+
+
+def joints_m() -> np.ndarray:
+    """(T, 22, 3) places of SMPL's joints, y up."""
+    rest_m = shaped_joints(load_body_model("embedded:female"), np.zeros((1, 10)))[0]
+    pose, places_m = walk()
+    world, found = world_of(pose), np.zeros((FRAMES, 22, 3))
+    found[:, 0] = places_m
+    for joint in range(1, 22):
+        parent = SMPL_PARENTS[joint]
+        found[:, joint] = found[:, parent] + world[:, parent] @ (rest_m[joint] - rest_m[parent])
+    return found
+
+
+def person(**changes: Any) -> dict[str, Any]:
+    """What WHAM says of one."""
+    found = {"pose": y_up(), "trans": walk()[1], "betas": np.zeros((FRAMES, 10)),
+             "frame_ids": np.arange(FRAMES)}  # fmt: skip
+    return found | changes
