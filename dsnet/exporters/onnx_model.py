@@ -51,6 +51,17 @@ def export_onnx(
     onnx.save_model(graph, path)
 
 
+def export_onnx_plain(path: Path, chosen: TrainedModel, *, run: str = "") -> None:
+    """Write one predictor as graphs without `If`, `Loop` and `Scan`, for runtimes that lack them.
+
+    The new folder has `step.onnx`, with the offsets beside the vertices, and, where a state does
+    not begin as zeros, `begin.onnx`, which gives that of characters who begin.
+    """
+    path.mkdir()
+    for name, graph in chosen.model.plain_graphs(_metadata(chosen, run, "float32")).items():
+        onnx.save_model(graph, path / f"{name}.onnx")
+
+
 def precision_error_mm(exact: onnx.ModelProto, reduced: onnx.ModelProto) -> dict[str, float]:
     """Distances between the vertices of two graphs of a predictor: the error of fewer bits.
 

@@ -9,7 +9,6 @@ from typing import Literal
 from bridge.errors import DsnetError, notify
 from dsnet.exporters.formats import FORMATS, Format, chosen_format
 from dsnet.exporters.keras_files import keras_file
-from dsnet.exporters.onnx_model import export_onnx
 from dsnet.exporters.output import new_path, refuse_existing
 from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.load_model import Source, name_of
@@ -22,8 +21,9 @@ class ExportConfig(Controls):
 
     to: str | None = None
     """Format: usd, pc2, mdd, obj, ply, glb, abc, bvh, npz, npz55, smpl, gif, mp4 or html of a
-    motion. Or of a predictor alone: onnx, with its body as one graph; keras, savedmodel or tflite,
-    a network that Keras trained. docs/export.md says how to open each."""
+    motion. Or of a predictor alone: onnx, with its body as one graph; onnx-plain, the same in a
+    folder without control flow; keras, savedmodel or tflite, a network that Keras
+    trained. docs/export.md says how to open each."""
     motion: Path | None = None
     """Motion file: AMASS `.npz`, BVH and others (docs/motion_files.md), or `sample:walking`; for
     formats that show one."""
@@ -35,7 +35,7 @@ class ExportConfig(Controls):
     precision: Literal["float32", "float16", "int8"] = "float32"
     """Precision of the large weights of an onnx graph; the file states the error of fewer bits."""
     out: Path | None = None
-    """File to write, or a folder for pc2, mdd, obj and ply; it must not exist."""
+    """File to write, or a folder for pc2, mdd, obj, ply and onnx-plain; it must not exist."""
 
 
 PROFILES = dict.fromkeys(("smoke", "demo", "paper"), ExportConfig())
@@ -98,8 +98,9 @@ def _export_predictor(config: ExportConfig, source: Source, chosen: Format, out:
         with new_path(out) as path:
             chosen.writer()(path, network)
         return
+    fewer_bits = {"precision": config.precision} if config.to == "onnx" else {}
     with new_path(out) as path:
-        export_onnx(path, trained, run=name_of(source) or "packaged", precision=config.precision)
+        chosen.writer()(path, trained, run=name_of(source) or "packaged", **fewer_bits)
 
 
 def _moving_bodies(config: ExportConfig, source: Source) -> list[MovingBody]:

@@ -45,6 +45,7 @@ def dsnet_body_graph(
     body: BodyModelData,
     metadata: Mapping[str, str] | None = None,
     precision: Precision = "float32",
+    control_flow: bool = True,
 ) -> onnx.ModelProto:
     """A trained DSNet, its autoencoder's decoder and the body: a pose in, the posed skin out.
 
@@ -57,6 +58,8 @@ def dsnet_body_graph(
     decoder : weights with PyTorch's names, and `normaliser.mean_m` and `normaliser.scale_m`.
     architecture : as in the manifest of `train-ae`.
     precision : of the large kernels.
+    control_flow : without it there is no `Scan`, and `offsets` (B, V, 3) in the rest pose, metres,
+        are an output too.
     """
     if architecture["widths"][0] != body.vertex_count:
         raise DsnetError(
@@ -64,7 +67,7 @@ def dsnet_body_graph(
             f"one of the body's {body.vertex_count}",
             "Name the body model that the run was aligned with.",
         )
-    graph, layout = Graph(), dsnet_layout(network)
+    graph, layout = Graph(control_flow), dsnet_layout(network)
     theta = graph.input("theta", ("B", THETA_SIZE))
     betas = graph.input("betas", ("B", N_BETAS))
     past = layout.read(graph.input("state", ("B", layout.size)))
@@ -75,10 +78,14 @@ def dsnet_body_graph(
         skin = Surface(graph, body, slice(None), precision=precision)
         rest = skin.rest(features, betas) + offsets_m
         vertices = skin.skinned(translated(graph, bones, translation(theta)), rest)
+    outputs = {"vertices": vertices}
+    if not control_flow:
+        outputs["offsets"] = offsets_m.transpose(0, 2, 1)
+    shapes = dict.fromkeys(outputs, ("B", body.vertex_count, 3))
     return graph.model(
         "dsnet",
-        {"vertices": vertices, "next_state": layout.written(graph, after)},
-        {"vertices": ("B", body.vertex_count, 3), "next_state": ("B", layout.size)},
+        outputs | {"next_state": layout.written(graph, after)},
+        shapes | {"next_state": ("B", layout.size)},
         {**(metadata or {}), "latency_frames": "0", "state_layout": layout.as_text()},
     )
 

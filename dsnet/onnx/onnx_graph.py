@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -88,9 +88,16 @@ Operand = Value | float
 
 
 class Graph:
-    """Builds a float32 graph of `Value`s, whose names begin with that of their section."""
+    """Builds a float32 graph of `Value`s, whose names begin with that of their section.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    control_flow : whether it may hold `Loop` and `Scan`. Without them, blocks that repeat are
+        written out, for runtimes that have no such operators.
+    """
+
+    def __init__(self, control_flow: bool = True) -> None:
+        self._control_flow = control_flow
         self._inputs: list[onnx.ValueInfoProto] = []
         self._nodes: list[onnx.NodeProto] = []
         self._arrays: list[onnx.TensorProto] = []
@@ -144,12 +151,22 @@ class Graph:
         return self.apply("If", condition, **branches)
 
     def repeat(
-        self, most: int, start: Sequence[Value], body: Callable[..., tuple[Value, Sequence[Value]]]
+        self,
+        most: int,
+        start: Sequence[Value],
+        body: Callable[..., tuple[Value, Sequence[Value]]],
+        written_out: int,
     ) -> list[Value]:
         """Repeat a block at most `most` times, until its condition is false.
 
         `body` takes the values, at first `start`, and gives the condition and the next values.
+        Without control flow it is there `written_out` times, whatever the condition.
         """
+        if not self._control_flow:
+            values = [*start]
+            for _ in range(written_out):
+                _, values = body(*values)
+            return [*values]
         given = [Value(self, self._name("before")) for _ in start]
         iteration, go_on = self._name("turn"), self._name("go_on")
         with self._inner() as nodes:
@@ -171,8 +188,11 @@ class Graph:
         """The result (B, *shape) of a block, applied to a few rows of values (B, ...) at a time.
 
         A group has the largest number of rows up to four that divides B: few enough for the
-        intermediate results to stay in the cache, enough to use several threads.
+        intermediate results to stay in the cache, enough to use several threads. Without control
+        flow it is applied to all rows together.
         """
+        if not self._control_flow:
+            return block(*values)
         rows = self.apply("Shape", values[0], start=0, end=1)
         sizes = self.integers(range(1, _GROUP + 1))
         divides = self.apply("Equal", self.apply("Mod", rows, sizes), self.integers(0))
@@ -213,7 +233,10 @@ class Graph:
         for output, value in outputs.items():
             self._nodes.append(helper.make_node("Identity", [value.name], [output]))
         infos = [_info(name, TensorProto.FLOAT, (shapes or {}).get(name)) for name in outputs]
-        graph = helper.make_graph(self._nodes, name, self._inputs, infos, self._arrays)
+        nodes, arrays = self._nodes, self._arrays
+        if not self._control_flow:
+            nodes, arrays = self._needed(outputs)
+        graph = helper.make_graph(nodes, name, self._inputs, infos, arrays)
         model = helper.make_model(
             graph,
             ir_version=IR_VERSION,
@@ -225,6 +248,17 @@ class Graph:
             model = onnx.shape_inference.infer_shapes(model)
             onnx.checker.check_model(model)
         return model
+
+    def _needed(
+        self, outputs: Iterable[str]
+    ) -> tuple[list[onnx.NodeProto], list[onnx.TensorProto]]:
+        """Nodes and arrays that the outputs depend on; not every runtime leaves out the others."""
+        names, nodes = {*outputs}, []
+        for node in reversed(self._nodes):
+            if names & {*node.output}:
+                names |= {*node.input}
+                nodes.insert(0, node)
+        return nodes, [array for array in self._arrays if array.name in names]
 
     @contextmanager
     def _inner(self) -> Iterator[list[onnx.NodeProto]]:

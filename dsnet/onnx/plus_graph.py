@@ -80,6 +80,7 @@ def plus_graph(
     metadata: Mapping[str, str] | None = None,
     precision: Precision = "float32",
     in_parts: bool = False,
+    control_flow: bool = True,
 ) -> onnx.ModelProto:
     """One step of a trained `dsnet_plus` with the skin of its body model.
 
@@ -88,8 +89,11 @@ def plus_graph(
     precision : of the pose blend shapes, the only large kernel.
     in_parts : give, in place of `vertices`, `rest` (B, 3, V) of SMPL alone, `offsets` (B, 3, V) in
         the rest pose, and `bones` (B, 12, 23), so that both can be skinned.
+    control_flow : without it no operator holds a graph (`If`, `Loop`, `Scan`): the state of who
+        begins is that of `plus_begin_graph`, and `offsets` (B, V, 3) in the rest pose, metres, are
+        an output too.
     """
-    step = _PlusStep(model, body, plus_layout(model))
+    step = _PlusStep(model, body, plus_layout(model), control_flow)
     graph, count = step.graph, body.vertex_count
     shown, later = _delayed(step)
     with graph.section("skin"):
@@ -104,7 +108,9 @@ def plus_graph(
     else:
         with graph.section("skin"):
             outputs = {"vertices": skin.skinned(bones, rest + offsets)}
-        shapes = {"vertices": ("B", count, 3)}
+            if not control_flow:
+                outputs["offsets"] = offsets.transpose(0, 2, 1)
+        shapes = dict.fromkeys(outputs, ("B", count, 3))
     return graph.model(
         "dsnet_plus",
         outputs | {"next_state": step.layout.written(step.graph, step.after | later)},
@@ -117,32 +123,30 @@ def plus_graph(
     )
 
 
-class _PlusStep:
-    """One frame of B characters: state `past`, new pose `present`, next state `after`."""
+def plus_begin_graph(model: TrainedPlus, body: BodyModelData) -> onnx.ModelProto:
+    """The state of characters who begin, for `plus_graph` without control flow.
 
-    def __init__(self, model: TrainedPlus, body: BodyModelData, layout: StateLayout) -> None:
+    Inputs are `theta` (B, 69), the first pose, which the step is given again, and `betas` (B, 10);
+    output is `state` (B, S): they have stood in that pose forever.
+    """
+    layout = plus_layout(model)
+    pose = _PlusPose(model, body, layout, control_flow=False)
+    state = pose.initial_state(pose.betas, pose.present)
+    return pose.graph.model("dsnet_plus_begin", {"state": state}, {"state": ("B", layout.size)})
+
+
+class _PlusPose:
+    """B characters in a pose `present`, and the state of those who begin in it."""
+
+    def __init__(
+        self, model: TrainedPlus, body: BodyModelData, layout: StateLayout, control_flow: bool
+    ) -> None:
         self.model, self.body, self.layout = model, body, layout
-        self.graph = graph = Graph()
+        self.graph = graph = Graph(control_flow)
         self._tissue = TissueGraph.of(graph, model)
         theta = graph.input("theta", ("B", THETA_SIZE))
         self.betas = graph.input("betas", ("B", model.beta_count))
-        state = graph.input("state", ("B", layout.size))
         self.present = self._present(theta)
-        self.past = layout.read(self._with_past(state))
-        with graph.section("load"):
-            after, loads = self._loads()
-        with graph.section("oscillators"):
-            past = self.past
-            springs = Springs(**{name: past[name] for name in Springs.__dataclass_fields__})
-            load = self._tissue.smoothed(loads)
-            now, before = self._tissue.frame(springs, past["now"], past["before"], load)
-            if model.look_ahead > 1:  # otherwise the only loads so far are those of rest
-                # Offsets stay in equilibrium until the first frame is shown.
-                moving = (past["age"] + -float(model.look_ahead)).clip(0.0, 1.0).reshape(0, 1, 1)
-                now = past["now"] + moving * (now - past["now"])
-                before = past["before"] + moving * (before - past["before"])
-        self.codes = now
-        self.after: Arrays = past | after | {"now": now, "before": before}
 
     def _present(self, theta: Value) -> Arrays:
         """Of this pose: positions of the nodes relative to the root, their rotations, the bones."""
@@ -163,25 +167,7 @@ class _PlusStep:
                 "features": features,
             }
 
-    def _with_past(self, state: Value) -> Value:
-        """The state, in which new characters are in equilibrium in their present pose."""
-        graph, betas = self.graph, self.betas
-        with graph.section("past"):
-            age, betas_before = state.part(1, 0, 1), state.part(1, 1, 1 + self.model.beta_count)
-            apart = graph.apply("Abs", betas - betas_before).max(1)
-            new = graph.apply("Max", apart, 1.0 + -age) > 0.0  # (B, 1)
-            count = graph.apply("Cast", new, to=1).max(0, 1).reshape()
-
-            def begin() -> Value:
-                rows = graph.apply("NonZero", new.reshape(-1))  # (1, N)
-                chosen = rows.reshape(-1)
-                present = {name: value.gather(chosen, 0) for name, value in self.present.items()}
-                begun = self._initial_state(betas.gather(chosen, 0), present)
-                return graph.apply("ScatterND", state, rows.transpose(1, 0), begun)
-
-            return graph.choose(count > 0.0, begin, lambda: state)
-
-    def _initial_state(self, betas: Value, present: Arrays) -> Value:
+    def initial_state(self, betas: Value, present: Arrays) -> Value:
         """Rows of characters in static equilibrium in the present pose."""
         graph = self.graph
         constants = tissue_constants(graph, self.body, self.model, betas)
@@ -207,6 +193,54 @@ class _PlusStep:
             for name in ("bones", "features", "trans"):
                 state[f"late_{name}"] = graph.concat([_with_time(present[name])] * frames, 1)
             return self.layout.written(graph, state)
+
+
+class _PlusStep(_PlusPose):
+    """One frame of B characters: state `past`, new pose `present`, next state `after`."""
+
+    def __init__(
+        self,
+        model: TrainedPlus,
+        body: BodyModelData,
+        layout: StateLayout,
+        control_flow: bool = True,
+    ) -> None:
+        super().__init__(model, body, layout, control_flow)
+        graph = self.graph
+        state = graph.input("state", ("B", layout.size))
+        self.past = layout.read(self._with_past(state) if control_flow else state)
+        with graph.section("load"):
+            after, loads = self._loads()
+        with graph.section("oscillators"):
+            past = self.past
+            springs = Springs(**{name: past[name] for name in Springs.__dataclass_fields__})
+            load = self._tissue.smoothed(loads)
+            now, before = self._tissue.frame(springs, past["now"], past["before"], load)
+            if model.look_ahead > 1:  # otherwise the only loads so far are those of rest
+                # Offsets stay in equilibrium until the first frame is shown.
+                moving = (past["age"] + -float(model.look_ahead)).clip(0.0, 1.0).reshape(0, 1, 1)
+                now = past["now"] + moving * (now - past["now"])
+                before = past["before"] + moving * (before - past["before"])
+        self.codes = now
+        self.after: Arrays = past | after | {"now": now, "before": before}
+
+    def _with_past(self, state: Value) -> Value:
+        """The state, in which new characters are in equilibrium in their present pose."""
+        graph, betas = self.graph, self.betas
+        with graph.section("past"):
+            age, betas_before = state.part(1, 0, 1), state.part(1, 1, 1 + self.model.beta_count)
+            apart = graph.apply("Abs", betas - betas_before).max(1)
+            new = graph.apply("Max", apart, 1.0 + -age) > 0.0  # (B, 1)
+            count = graph.apply("Cast", new, to=1).max(0, 1).reshape()
+
+            def begin() -> Value:
+                rows = graph.apply("NonZero", new.reshape(-1))  # (1, N)
+                chosen = rows.reshape(-1)
+                present = {name: value.gather(chosen, 0) for name, value in self.present.items()}
+                begun = self.initial_state(betas.gather(chosen, 0), present)
+                return graph.apply("ScatterND", state, rows.transpose(1, 0), begun)
+
+            return graph.choose(count > 0.0, begin, lambda: state)
 
     def _loads(self) -> tuple[Arrays, list[Value]]:
         """Arrays of the next state, and the loads of the frame before this, the newest first.

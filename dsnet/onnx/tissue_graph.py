@@ -23,6 +23,8 @@ from dsnet.onnx.onnx_graph import Graph, Value
 
 _MOST_SWEEPS = 400
 """Sweeps to find the equilibrium; trained models need about sixty."""
+_WRITTEN_OUT_SWEEPS = 64
+"""Of them, in a graph without control flow."""
 _SETTLED_M = 1e-9
 """Largest change in a sweep at which tissue counts as settled."""
 _STEP_S = 1 / (STEPS * FPS)
@@ -154,7 +156,8 @@ class TissueGraph:
             change = self._graph.apply("Abs", new_m - offset_m).max(0, 1, 2)
             return (change.reshape() > _SETTLED_M), [new_m, new_strain]
 
-        return self._graph.repeat(_MOST_SWEEPS, [zero, zero.part(1, 0, 1)], sweep)[0]
+        start = [zero, zero.part(1, 0, 1)]
+        return self._graph.repeat(_MOST_SWEEPS, start, sweep, _WRITTEN_OUT_SWEEPS)[0]
 
     def springs(self, constants: TissueConstants) -> Springs:
         """Coefficients of a step, which depend on the shape alone."""

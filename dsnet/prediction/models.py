@@ -35,7 +35,7 @@ from dsnet.onnx.network_graphs import (
     dsnet_step_graph,
 )
 from dsnet.onnx.onnx_graph import GraphSession, Precision
-from dsnet.onnx.plus_graph import plus_graph, plus_layout, plus_step_graph
+from dsnet.onnx.plus_graph import plus_begin_graph, plus_graph, plus_layout, plus_step_graph
 from dsnet.prediction.loops import Loop
 from dsnet.prediction.runtimes import LatentsOf
 
@@ -57,6 +57,11 @@ Piece = NDArray[np.float32]
 _PLACE = slice(-3, None)
 """Of theta: where the root is. Of `dsnet_plus`'s state: where it was at first, as float32 knows
 places near the origin best."""
+_STATE_BEGINS = (
+    "that of begin.onnx for a character that begins, or that a cut puts elsewhere; then \
+next_state of the frame before"
+)
+"""For the metadata of `dsnet_plus`'s step without control flow."""
 _BETAS, _MEMORY = slice(0, N_BETAS), slice(N_BETAS, None)
 """Of DSNet's state."""
 
@@ -87,6 +92,10 @@ class Model(Protocol):
 
     def graph(self, metadata: Mapping[str, str], precision: Precision) -> onnx.ModelProto:
         """The step and the posed skin as one graph, for tools that have ONNX Runtime alone."""
+        ...
+
+    def plain_graphs(self, metadata: Mapping[str, str]) -> dict[str, onnx.ModelProto]:
+        """The same without control flow: `step`, and `begin` if states do not begin as zeros."""
         ...
 
 
@@ -143,6 +152,11 @@ class PlusModel:
     def graph(self, metadata: Mapping[str, str], precision: Precision) -> onnx.ModelProto:
         return plus_graph(self.trained, self._body, metadata, precision)
 
+    def plain_graphs(self, metadata: Mapping[str, str]) -> dict[str, onnx.ModelProto]:
+        about = {**metadata, "state": _STATE_BEGINS}
+        step = plus_graph(self.trained, self._body, about, control_flow=False)
+        return {"step": step, "begin": plus_begin_graph(self.trained, self._body)}
+
 
 class DsnetModel:
     """The paper's DSNet, a `Model` whose codes are latents (100,).
@@ -195,10 +209,20 @@ class DsnetModel:
         return self._decoder(latents=codes)["offsets"]
 
     def graph(self, metadata: Mapping[str, str], precision: Precision) -> onnx.ModelProto:
+        return self._body_graph(metadata, precision, control_flow=True)
+
+    def plain_graphs(self, metadata: Mapping[str, str]) -> dict[str, onnx.ModelProto]:
+        return {"step": self._body_graph(metadata, "float32", control_flow=False)}
+
+    def _body_graph(
+        self, metadata: Mapping[str, str], precision: Precision, control_flow: bool
+    ) -> onnx.ModelProto:
         assert self._codec is not None
         assert self._body is not None
         codec = load_autoencoder(self._codec)
-        return dsnet_body_graph(self._network, *codec, self._body, metadata, precision)
+        return dsnet_body_graph(
+            self._network, *codec, self._body, metadata, precision, control_flow
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,6 +63,20 @@ def test_values_are_those_of_predict(plus: PlusModel, frames: int) -> None:
 
 
 @torch.no_grad()
+@pytest.mark.parametrize("look_ahead", [0, 3])
+def test_a_model_may_look_further_ahead_or_not_at_all(plus: PlusModel, look_ahead: int) -> None:
+    body = load_body_model("embedded:female")
+    other = PlusModel(replace(plus.trained, look_ahead=look_ahead), body)
+    layer, theta = layer_of(other), walks(40)
+    whole, _ = layer(theta, PEOPLE.double())
+    assert (whole - predicted(other, theta, PEOPLE)).abs().max() < 1e-6
+    first, state = layer(theta[:, :17], PEOPLE.double(), more=True)
+    second, _ = layer(theta[:, 17:], PEOPLE.double(), state)
+    assert first.shape[1] == 17 - max(look_ahead, 1)
+    assert (torch.cat([first, second], 1) - whole).abs().max() < 1e-12
+
+
+@torch.no_grad()
 @pytest.mark.parametrize("ends", [(1, 2, 3, 30), (20,), (1,)])
 def test_pieces_are_the_whole(plus: PlusModel, ends: tuple[int, ...]) -> None:
     layer, theta, betas = layer_of(plus), walks(40), PEOPLE.double()
