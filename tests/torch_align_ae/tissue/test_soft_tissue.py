@@ -72,7 +72,7 @@ def test_a_model_may_look_further_ahead_or_not_at_all(plus: PlusModel, look_ahea
     assert (whole - predicted(other, theta, PEOPLE)).abs().max() < 1e-6
     first, state = layer(theta[:, :17], PEOPLE.double(), more=True)
     second, _ = layer(theta[:, 17:], PEOPLE.double(), state)
-    assert first.shape[1] == 17 - max(look_ahead, 1)
+    assert first.shape[1] == 17 - look_ahead
     assert (torch.cat([first, second], 1) - whole).abs().max() < 1e-12
 
 
