@@ -34,7 +34,7 @@ def without_control_flow(graph: onnx.ModelProto) -> ReferenceEvaluator:
 def run(graph: ReferenceEvaluator, **inputs: NDArray) -> dict[str, NDArray]:
     outputs = graph.run(None, inputs)
     assert isinstance(outputs, list)
-    return dict(zip(graph.output_names, outputs, strict=True))
+    return dict(zip(map(str, graph.output_names), outputs, strict=True))
 
 
 def test_two_small_graphs_move_a_body(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
