@@ -85,7 +85,9 @@ def main(config: Config) -> None:
 def _seeded(n: int, seed: int) -> Iterator[tuple[Site, str]]:
     """As many of each kind, wherever in the product one may stand; who finds it is not known."""
     files = sorted(path for path in tracked() if path.startswith(PRODUCT) and path[-3:] == ".py")
-    sites = [site for path in files for site in sites_of(path, (ROOT / path).read_text("utf-8"))]
+    sites = [
+        site for path in files for site in sites_of(path, (ROOT / path).read_text(encoding="utf-8"))
+    ]
     rng = random.Random(seed)
     for i in range(n):
         of_kind = [site for site in sites if site.kind == list(KINDS)[i % len(KINDS)]]

@@ -22,7 +22,7 @@ __all__ = [
 _OUTSIDE_BODY = {
     "CasasOtaduyAutoencoder": "autoencoder.casas_otaduy",
     "MeshAutoencoder": "autoencoder.mesh_autoencoder",
-    "SoftTissue": "tissue",
+    "SoftTissue": "tissue.soft_tissue",
 }
 require_packages_of(__name__)
 

@@ -119,7 +119,8 @@ class DSNet(nn.Module):
 class KerasAdam(torch.optim.Adam):
     """Adam as in Keras: epsilon is added before the bias correction of the second moment."""
 
-    def __init__(self, parameters: Iterable[nn.Parameter], rule: AdamRule = KERAS_ADAM) -> None:
+    def __init__(self, parameters: Iterable[nn.Parameter], rule: AdamRule | None = None) -> None:
+        rule = rule or KERAS_ADAM
         super().__init__(parameters, rule.learning_rate, (rule.beta_1, rule.beta_2))
         self.epsilon = rule.epsilon
 

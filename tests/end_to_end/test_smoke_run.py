@@ -128,6 +128,7 @@ def test_the_readmes_own_commands_work(smoke_runs, tmp_path, execute, command):
     folder.mkdir()
     motion = forged_motion(folder / "motion_poses.npz")
     line = command.replace("--run demo", "--run smoke --profile smoke")
+    line = line.replace("--body models", "--body embedded")
     line = f".venv/bin/{line}" if line.startswith("dsnet ") else line
     for name, place in {"MOTION.npz": motion, "AMASS": folder, "OUT": out, "FLESH": out}.items():
         line = line.replace(name, str(place))

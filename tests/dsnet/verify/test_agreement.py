@@ -32,6 +32,8 @@ OF_EACH_OPERATION = (
     "align-pose",
     "align-shape",
     "oscillators",
+    "soft-tissue",
+    "soft-tissue-slopes",
 )
 
 
