@@ -11,6 +11,7 @@ import torch
 
 import dsnet
 
+torch.set_num_threads(1)  # for few people: on a busy machine threads wait for one another
 layer = dsnet.soft_tissue(body=sys.argv[1] if len(sys.argv) > 1 else None)
 motion = dsnet.load_motion("sample:jumping_jacks")
 theta = torch.from_numpy(motion.theta[:90]).float().repeat(2, 1, 1)  # (2, T, 69)

@@ -16,7 +16,8 @@ import onnx
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.errors import DsnetError
 from bridge.paper import FPS, N_JOINTS, THETA_SIZE
-from dsnet.onnx.onnx_graph import PRECISIONS, GraphSession, Precision
+from dsnet.onnx.onnx_graph import GraphSession
+from dsnet.onnx.precision import PRECISIONS, Precision
 from dsnet.prediction.load_model import TrainedModel
 
 _BEND_RAD, _HOP_M = 0.6, 0.25

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.paper import N_JOINTS, THETA_SIZE
-from dsnet.onnx.onnx_graph import Graph, Precision, Value, product
+from dsnet.onnx.onnx_graph import Graph, Value
+from dsnet.onnx.precision import Precision, product
 
 BONES = N_JOINTS + 1
 """The joints of theta, and one that never moves, as the root's parent."""

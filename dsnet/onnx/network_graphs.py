@@ -18,7 +18,8 @@ from bridge.exchange.weights import mesh_autoencoder_to_keras
 from bridge.paper import FEATURES, INPUT_SIZE, N_BETAS, NEGATIVE_SLOPE, THETA_SIZE
 from dsnet.onnx.body_graph import Surface, posed_bones, translated, translation
 from dsnet.onnx.layer_graphs import dsnet_layout, dsnet_step
-from dsnet.onnx.onnx_graph import Graph, Precision, Value, product
+from dsnet.onnx.onnx_graph import Graph, Value
+from dsnet.onnx.precision import Precision, product
 
 _DECODER = ("from_latent.", "decoder.", "to_coordinates.")
 Weights = Mapping[str, NDArray]

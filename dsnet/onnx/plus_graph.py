@@ -29,7 +29,8 @@ from dsnet.onnx.body_graph import (
     translation,
     turned,
 )
-from dsnet.onnx.onnx_graph import Graph, Precision, StateLayout, Value
+from dsnet.onnx.onnx_graph import Graph, StateLayout, Value
+from dsnet.onnx.precision import Precision
 from dsnet.onnx.tissue_graph import Springs, TissueGraph, tissue_constants, training_people
 
 Arrays = dict[str, Value]

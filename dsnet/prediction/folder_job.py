@@ -34,9 +34,9 @@ class FolderJob:
     predictor: str | None
     controls: Controls
     write: tuple[str, ...]
-    runtime: Runtime = "onnx"
-    shared: Path | None = None
+    shared: Path
     """Folder of what all of them need, once."""
+    runtime: Runtime = "onnx"
 
     def load(self, path: Path) -> tuple[TrainedModel, Motion]:
         """The predictor of a file's motion, and the motion as the file has it."""

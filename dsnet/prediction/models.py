@@ -34,8 +34,9 @@ from dsnet.onnx.network_graphs import (
     dsnet_layout,
     dsnet_step_graph,
 )
-from dsnet.onnx.onnx_graph import GraphSession, Precision
+from dsnet.onnx.onnx_graph import GraphSession
 from dsnet.onnx.plus_graph import plus_begin_graph, plus_graph, plus_layout, plus_step_graph
+from dsnet.onnx.precision import Precision
 from dsnet.prediction.loops import Loop
 from dsnet.prediction.runtimes import LatentsOf
 

@@ -34,17 +34,13 @@ from bridge.runs.files import (
 )
 from bridge.runs.workers import WorkerPool, on_any_node, progress, worker_pool
 from dsnet.prediction.controls import Controls
+from dsnet.prediction.folder_bodies import refuse_unnamed_body, report_bodies
 from dsnet.prediction.folder_job import FolderJob, MotionJob
 from dsnet.prediction.interpolation import Interpolation
-from dsnet.prediction.load_model import (
-    Source,
-    find_model,
-    requested_body,
-)
+from dsnet.prediction.load_model import Source, find_model, requested_body
 from dsnet.prediction.out_folder import open_out_folder
 from dsnet.prediction.prediction_files import KIND, OF_MANY, fill_prediction
 from dsnet.prediction.runtimes import Runtime
-from dsnet.prediction.whose_body import refuse_unnamed_body, tell_whose_body
 
 REFUSED = "refused.txt"
 """In the folder that is written: each file that was refused, and why."""
@@ -81,7 +77,7 @@ def predict_folder(
     if body_name := requested_body(controls.body):  # other machines have other settings and folders
         is_file = body_name != EMBEDDED and Path(body_name).exists()
         controls = replace(controls, body=Path(body_name).resolve() if is_file else Path(body_name))
-    job = FolderJob(source, predictor, controls, tuple(write), runtime, out.resolve())
+    job = FolderJob(source, predictor, controls, tuple(write), out.resolve(), runtime)
     job.controls.check()
     job.controls.how_read()
     _refuse_place(folder, out)
@@ -104,7 +100,7 @@ def predict_folder(
                 "Check the path: docs/motion_files.md has what is read.",
             )
         motions = [one for one in surveyed if not one.refusal]
-        tell_whose_body([(one.body, one.of_betas) for one in (*done.values(), *motions)])
+        report_bodies([(one.body, one.of_betas) for one in (*done.values(), *motions)])
         _refuse_lack_of_room(out, motions, len(done))
         refused = [one for one in surveyed if one.refusal] + _predicted(motions, pool)
         _report(out, refused, len(done) + len(surveyed))
@@ -166,7 +162,7 @@ def _done(job: FolderJob, models: Sequence[dict[str, str]], one: MotionJob) -> M
 
 
 def _has(job: FolderJob, interpolation: str) -> bool:
-    return job.shared is not None and (job.shared / Interpolation.name(interpolation)).is_file()
+    return (job.shared / Interpolation.name(interpolation)).is_file()
 
 
 def _files_read(motion: Path) -> dict[str, Path]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bridge.body.vertex_order import VERTICES, vertex_order
 from bridge.errors import DsnetError, notify
-from bridge.motion.readers import is_smpls
+from bridge.motion.readers import is_smpl_family
 from bridge.runs import Artifact, ArtifactWriter
 from bridge.runs.files import ArrayFile
 from bridge.tissue.trained_plus import NAME as PLUS
@@ -83,7 +83,7 @@ def predict_motion(
         if (
             moving.body.source == "synthetic"
             and not requested_body(controls.body)
-            and is_smpls(path)
+            and is_smpl_family(path)
         ):
             notify(
                 f"moves {moving.body.name}, with vertices in another order than SMPL's: --body "

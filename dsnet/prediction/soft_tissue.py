@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from dsnet.prediction.load_model import Source, load_model
 from dsnet.prediction.models import PlusModel
 from dsnet.prediction.runtimes import torch_soft_tissue
@@ -30,7 +30,8 @@ def soft_tissue(
     ----------
     model : as for `load_model`; one that has a `dsnet_plus`.
     body : an SMPL, SMPL-H or SMPL-X model file, in whose vertex order offsets are given; None: the
-        body that the model was trained on, whose order is the embedded body's own.
+        body that the model was trained on; a line says so where that is an embedded one, whose
+        order is not SMPL's.
     gender : of the packaged model, where neither `model` nor `body` says it.
 
     Raises
@@ -44,5 +45,9 @@ def soft_tissue(
             f"{trained.name} of {trained.owner} as a layer of soft tissue",
             "dsnet_plus",
             "Take the packaged model; the paper's network is torch_align_ae.dsnet.DSNet.",
+        )
+    if body is None and trained.body.source == "synthetic":
+        notify(
+            f"offsets of {trained.body.name}, in another order than SMPL's; body=FILE takes yours"
         )
     return torch_soft_tissue(trained.model.trained, trained.body)

@@ -6,10 +6,11 @@ vertices, three times faster than many 3 x 3 products.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bridge.body import BodyModelData
@@ -20,6 +21,15 @@ from torch_align_ae.body.rotations import axis_angle_to_matrix
 # A half-and-half blend of two rotations phi apart has determinant cos^2(phi / 2): below this
 # one (phi above 176 degrees) the inverse would blow up a millimetre to three centimetres.
 _SINGULAR_BELOW = 1e-3
+
+
+def register_constants(
+    module: nn.Module, arrays: Mapping[str, NDArray], dtype: torch.dtype
+) -> None:
+    """Make arrays buffers of a module, which move with it and are not saved."""
+    for name, array in arrays.items():
+        tensor = torch.from_numpy(np.ascontiguousarray(array)).to(dtype)
+        module.register_buffer(name, tensor, persistent=False)
 
 
 def subtree_matrix(parents: Sequence[int]) -> Tensor:
@@ -86,9 +96,7 @@ class SMPL(nn.Module):
             "joint_template": data.joints,  # (J, 3)
             "joint_shapedirs": data.joint_shapes.transpose(2, 0, 1),  # (S, J, 3)
         }
-        for name, array in buffers.items():
-            tensor = torch.from_numpy(np.ascontiguousarray(array)).to(dtype)
-            self.register_buffer(name, tensor, persistent=False)
+        register_constants(self, buffers, dtype)
 
     @property
     def vertex_count(self) -> int:

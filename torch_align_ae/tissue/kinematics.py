@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
@@ -11,7 +10,7 @@ from bridge.body import BodyModelData
 from bridge.paper import N_JOINTS
 from bridge.tissue.nodes import TissueNodes
 from torch_align_ae.body.rotations import axis_angle_to_matrix
-from torch_align_ae.body.smpl import bone_transforms
+from torch_align_ae.body.smpl import bone_transforms, register_constants
 
 POSE_FEATURES = 9 * (N_JOINTS - 1)
 """How many: R - I of the joints of theta without the root."""
@@ -46,9 +45,7 @@ class Kinematics(nn.Module):
             "joint_shapes": body.joint_shapes[:N_JOINTS].transpose(2, 0, 1),
             "skin_weights": body.body_weights.T,
         }
-        for name, array in buffers.items():
-            tensor = torch.from_numpy(np.ascontiguousarray(array)).to(dtype)
-            self.register_buffer(name, tensor, persistent=False)
+        register_constants(self, buffers, dtype)
 
     def forward(self, rotations: Tensor, betas: Tensor) -> tuple[Tensor, Tensor]:
         """Places (B, T, 3, K), metres from where the root is, and turns (B, T, 3, 3, K), the
@@ -110,8 +107,8 @@ class NodesToSkin(nn.Module):
         super().__init__()
         self._vertices = len(nodes.owners)
         of_blocks, shares = nodes.blocks()
-        self.register_buffer("nodes", torch.from_numpy(of_blocks), persistent=False)
-        self.register_buffer("shares", torch.from_numpy(shares).to(dtype), persistent=False)
+        register_constants(self, {"nodes": of_blocks}, torch.int64)
+        register_constants(self, {"shares": shares}, dtype)
 
     def forward(self, at_nodes: Tensor) -> Tensor:
         """Offsets (B, T, V, 3) of offsets (B, T, 3, K)."""

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from bridge.body import BodyModelData
 from bridge.tissue.shape import LEAST_DEPTH_M, ends_of_bones, faces_around, shape_measures
+from torch_align_ae.body.smpl import register_constants
 
 
 class NodeShapes(nn.Module):
@@ -51,12 +52,8 @@ class NodeShapes(nn.Module):
             "nodes": nodes,
             "bones": np.stack([body.parents[ends], ends]),
         }
-        for name, array in numbers.items():
-            tensor = torch.from_numpy(np.ascontiguousarray(array)).to(dtype)
-            self.register_buffer(name, tensor, persistent=False)
-        for name, array in indices.items():
-            tensor = torch.from_numpy(np.ascontiguousarray(array)).long()
-            self.register_buffer(name, tensor, persistent=False)
+        register_constants(self, numbers, dtype)
+        register_constants(self, indices, torch.int64)
 
     def forward(self, betas: Tensor) -> tuple[Tensor, Tensor]:
         """Of betas (B, S): `shape_features` (B, K, 3), and outward normals (B, K, 3)."""

@@ -21,7 +21,8 @@ from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.paper import FPS, N_BETAS, THETA_SIZE
 from bridge.tissue.oscillators import GRAVITY_M_S2
-from bridge.tissue.trained_plus import KERNEL_WIDTH, SAG_POWER, TrainedPlus, people_kernel
+from bridge.tissue.trained_plus import KERNEL_WIDTH, TrainedPlus, people_kernel
+from torch_align_ae.body.smpl import register_constants
 from torch_align_ae.tissue.kinematics import (
     POSE_FEATURES,
     Kinematics,
@@ -30,7 +31,7 @@ from torch_align_ae.tissue.kinematics import (
     pose_features,
 )
 from torch_align_ae.tissue.shape import NodeShapes
-from torch_align_ae.tissue.springs import Springs, make_springs, settled, simulate
+from torch_align_ae.tissue.springs import Springs, make_springs, settled, simulate, smoothed
 
 PIECE = 64
 """Frames that are computed together. For gradients only the state between pieces is remembered."""
@@ -82,7 +83,7 @@ class SoftTissue(nn.Module):
         nodes, weights, elsewhere = trained.nodes, trained.weights, trained.elsewhere
 
         def parameter(array: NDArray) -> nn.Parameter:
-            return nn.Parameter(_tensor(array, dtype))
+            return nn.Parameter(torch.from_numpy(np.array(array)).to(dtype))
 
         logs = {name: parameter(log[:, 0]) for name, log in weights.base.items()}
         self.log_coefficients = nn.ParameterDict(logs)
@@ -99,12 +100,11 @@ class SoftTissue(nn.Module):
         self._people = _People(trained, dtype)
         laplacian = nodes.laplacian.toarray().astype(np.float64)
         buffers = {
-            "laplacian": laplacian,
-            "twice_laplacian": laplacian @ laplacian,
-            "gravity": GRAVITY_M_S2[:, None],
+            "_laplacian": laplacian,
+            "_twice_laplacian": laplacian @ laplacian,
+            "_gravity": GRAVITY_M_S2[:, None],
         }
-        for name, array in buffers.items():
-            self.register_buffer(f"_{name}", _tensor(array, dtype), persistent=False)
+        register_constants(self, buffers, dtype)
 
     @property
     def v_template(self) -> Tensor:
@@ -149,17 +149,16 @@ class SoftTissue(nn.Module):
         """Offsets (B, T, 3, K) of the nodes, metres: `forward` without the skin between them."""
         self._check(theta, betas, state)
         springs, pieces = self._springs(betas), theta.split(PIECE, 1)
-        offsets = []
+        after, offsets = state or self._begin(theta, betas, springs), []
         for number, piece in enumerate(pieces):
             ends = number == len(pieces) - 1 and not more
-            arguments = (piece, betas, springs, state, ends)
+            arguments = (piece, betas, springs, after, ends)
             if torch.is_grad_enabled() and len(pieces) > 1:
-                some, state = checkpoint(self._piece, *arguments, use_reentrant=False)
+                some, after = checkpoint(self._piece, *arguments, use_reentrant=False)
             else:
-                some, state = self._piece(*arguments)
+                some, after = self._piece(*arguments)
             offsets.append(some)
-        assert state is not None
-        return torch.cat(offsets, 1), state
+        return torch.cat(offsets, 1), after
 
     def on_skin(self, at_nodes: Tensor, betas: Tensor) -> Tensor:
         """Offsets (B, T, V, 3) of the skin from those (B, T, 3, K) of the nodes."""
@@ -192,37 +191,38 @@ class SoftTissue(nn.Module):
     def _springs(self, betas: Tensor) -> Springs:
         """The tissue of people (B, S)."""
         features, normals = self._shapes(betas)
-        deviation = (features @ self.slopes + self._people.shares(betas) @ self.residual)[:, None]
-        logs = self.log_coefficients
-        coefficients = {name: torch.exp(log) for name, log in logs.items()}
-        coupling = coefficients["wave_speed"].square()[:, None] * self._laplacian
-        coupling = coupling + coefficients["bending"][:, None] * self._twice_laplacian
+        deviation = features @ self.slopes + self._people.shares(betas) @ self.residual
         return make_springs(
-            omega=torch.exp(logs["omega"] + deviation),
-            stiffening=torch.exp(logs["stiffening"] + self.stiffening_power * deviation),
-            sag=torch.exp(logs["sag"] + SAG_POWER * deviation),
-            normals=normals.transpose(1, 2),
-            damping_ratio=coefficients["damping_ratio"],
-            normal_ratio=coefficients["normal_ratio"],
-            coupling=coupling,
+            dict(self.log_coefficients.items()),
+            deviation[:, None],
+            self.stiffening_power,
+            normals.transpose(1, 2),
+            (self._laplacian, self._twice_laplacian),
         )
 
+    def _begin(self, theta: Tensor, betas: Tensor, springs: Springs) -> TissueState:
+        """People who have stood in the first of their poses for ever.
+
+        Found before any piece: a piece is computed twice for its gradient, and the equilibrium's
+        own gradient takes many sweeps.
+        """
+        first = theta[:, :1]
+        _, load = self._loads(first, joint_rotations(first), betas, 0)
+        rest = settled(springs, load[:, 0])
+        loads = load.expand(-1, len(self.taps) - 1, -1, -1)
+        return TissueState(theta[:, :0], loads, rest, rest, 0, 0)
+
     def _piece(
-        self, theta: Tensor, betas: Tensor, springs: Springs, state: TissueState | None, ends: bool
+        self, theta: Tensor, betas: Tensor, springs: Springs, state: TissueState, ends: bool
     ) -> tuple[Tensor, TissueState]:
         """Offsets (B, T', 3, K) of the frames that a piece of a motion makes certain, or of all
         that remain if it ends there, and the state after the piece."""
-        frames, given, past = (0, 0, theta[:, :0]) if state is None else state[4:] + state[:1]
-        poses = torch.cat([past, theta], 1)
+        frames, given, now, before = state.frames, state.given, state.now, state.before
+        poses = torch.cat([state.theta, theta], 1)
         rotations = joint_rotations(poses)
         loads, last = self._loads(poses, rotations, betas, frames)
-        if state is None:
-            now = before = settled(springs, loads[:, 0])
-            first = loads[:, :1].expand(-1, len(self.taps) - 1, -1, -1)
-            offsets, loads = [now], torch.cat([first, loads], 1)
-        else:
-            now, before = state.now, state.before
-            offsets, loads = [], torch.cat([state.loads, loads], 1)
+        loads = torch.cat([state.loads, loads], 1)
+        offsets = [] if frames else [now]
         certain, frames = _certain(frames, self.look_ahead), frames + theta.shape[1]
         moved, now, before = self._moved(springs, loads, now, before, _known(frames))
         offsets += moved
@@ -275,14 +275,10 @@ class SoftTissue(nn.Module):
     ) -> tuple[list[Tensor], Tensor, Tensor]:
         """Frames after `now` by loads (B, N - 1 + M, 3, K), of which M are new and the last is that
         of frame `known` - 1; and the newest two steps."""
-        older = len(self.taps) - 1
-        new = loads.shape[1] - older
-        smoothed = torch.zeros_like(loads[:, older:])
-        for back, tap in enumerate(self.taps):
-            smoothed = smoothed + tap * loads[:, older - back : older - back + new]
+        new = loads.shape[1] - len(self.taps) + 1
         # Loads of the first frames lie ahead of no frame but those that are settled.
         settled_already = max(self.look_ahead - (known - new), 0)
-        return simulate(springs, smoothed[:, settled_already:], now, before)
+        return simulate(springs, smoothed(loads, self.taps)[:, settled_already:], now, before)
 
 
 class _People(nn.Module):
@@ -304,8 +300,7 @@ class _People(nn.Module):
             "to_betas": np.eye(N_BETAS) if elsewhere is None else elsewhere.to_betas,
             "shift": np.zeros(N_BETAS) if elsewhere is None else elsewhere.shift,
         }
-        for name, array in buffers.items():
-            self.register_buffer(name, _tensor(array, dtype), persistent=False)
+        register_constants(self, buffers, dtype)
 
     def shares(self, betas: Tensor) -> Tensor:
         """(B, P) as `shares_of_people`, of betas (B, S)."""
@@ -333,7 +328,3 @@ def _known(frames: int) -> int:
 def _certain(frames: int, look_ahead: int) -> int:
     """Of how many frames the offsets are known when `frames` poses are."""
     return 1 + max(_known(frames) - look_ahead, 0) if frames else 0
-
-
-def _tensor(array: NDArray, dtype: torch.dtype) -> Tensor:
-    return torch.from_numpy(np.array(array)).to(dtype)

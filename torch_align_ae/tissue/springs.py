@@ -5,6 +5,7 @@ Nodes are the last axis, (B, 3, K), so that coupling them is one matrix product 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import torch
@@ -12,6 +13,7 @@ from torch import Tensor
 
 from bridge.paper import FPS
 from bridge.tissue.oscillators import STEPS, SWEEPS
+from bridge.tissue.trained_plus import SAG_POWER
 
 _STEP_S = 1 / (STEPS * FPS)
 _MOST_SWEEPS = 2000
@@ -33,16 +35,30 @@ class Springs(NamedTuple):
 
 
 def make_springs(
-    omega: Tensor,
-    stiffening: Tensor,
-    sag: Tensor,
+    logs: Mapping[str, Tensor],
+    deviation: Tensor,
+    stiffening_power: Tensor,
     normals: Tensor,
-    damping_ratio: Tensor,
-    normal_ratio: Tensor,
-    coupling: Tensor,
+    laplacian: tuple[Tensor, Tensor],
 ) -> Springs:
-    """Springs of W, a and |s|, (B, 1, K) each, normals (B, 3, K), Z and p, (K,) each, and of C."""
-    beyond, between = normal_ratio - 1, _STEP_S**2 / 4 * coupling
+    """The tissue of B people.
+
+    Parameters
+    ----------
+    logs : (K,) logarithms of the template body's coefficients, by name.
+    deviation : (B, 1, K) by which log W of each person differs from it.
+    stiffening_power : (1,) by which log a follows the deviation.
+    normals : (B, 3, K) outward, in the rest pose.
+    laplacian : (K, K) of the nodes, and its square.
+    """
+    omega = torch.exp(logs["omega"] + deviation)
+    stiffening = torch.exp(logs["stiffening"] + stiffening_power * deviation)
+    sag = torch.exp(logs["sag"] + SAG_POWER * deviation)
+    beyond = torch.exp(logs["normal_ratio"]) - 1
+    once, twice = laplacian
+    coupling = torch.exp(2 * logs["wave_speed"])[:, None] * once
+    coupling = coupling + torch.exp(logs["bending"])[:, None] * twice
+    between = _STEP_S**2 / 4 * coupling
     hanging = sag.square() * (1 + beyond * normals[:, 1:2].square())
     taut = stiffening * hanging
     spring = _STEP_S**2 / 4 * omega.square() / (1 + 3 * taut)
@@ -53,13 +69,23 @@ def make_springs(
         spring,
         stiffer=2 * spring * stiffening,
         standing=2 * spring * taut,
-        drag=_STEP_S * omega * damping_ratio,
+        drag=_STEP_S * omega * torch.exp(logs["damping_ratio"]),
         hung=down * sag,
         normals=normals,
         beyond=beyond,
         bound=bound,
         pulled=(torch.diag(bound) - between).T.contiguous(),
     )
+
+
+def smoothed(loads: Tensor, taps: Tensor) -> Tensor:
+    """Weighted sums (B, T, 3, K) of loads (B, T + N - 1, 3, K), the newest by the first tap."""
+    older = len(taps) - 1
+    count = loads.shape[1] - older
+    total = torch.zeros_like(loads[:, older:])
+    for back, tap in enumerate(taps):
+        total = total + tap * loads[:, older - back : older - back + count]
+    return total
 
 
 def simulate(
@@ -99,7 +125,8 @@ def settled(springs: Springs, load: Tensor) -> Tensor:
 
     Sweeps as in a step find the fixed point z = F(z) of offsets and strains together, with the
     strain updated by Newton's method. Its gradient is that of the implicit function,
-    dz = (1 - F')^-1 dF: the same sweeps, transposed, solve it, so no sweep is remembered.
+    dz = (1 - F')^-1 dF: the same sweeps, transposed, solve it, so no sweep is remembered. There is
+    no second derivative (NotImplementedError).
     """
     constants = (*springs, load)
 
@@ -120,6 +147,8 @@ def settled(springs: Springs, load: Tensor) -> Tensor:
             again = sweep(start, fixed)
 
         def solved(gradient: Tensor) -> Tensor:
+            if torch.is_grad_enabled():  # what follows is not recorded
+                raise NotImplementedError("second derivatives of the equilibrium")
             total = gradient
             for _ in range(_MOST_SWEEPS):
                 (back,) = torch.autograd.grad(again, start, total, retain_graph=True)

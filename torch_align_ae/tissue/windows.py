@@ -11,8 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from bridge.tissue.learning import GAIN_PRIOR, NODE_PRIOR, PEOPLE_PRIOR, QUIET_M, QUIET_SHARE
-from bridge.tissue.trained_plus import SAG_POWER
-from torch_align_ae.tissue.springs import make_springs, simulate
+from torch_align_ae.tissue.springs import make_springs, simulate, smoothed
 
 
 class TissueWindows(nn.Module):
@@ -31,28 +30,20 @@ class TissueWindows(nn.Module):
         deviation = (given["features"] @ w["slopes"])[..., 0].T
         residual = w["residual"] - w["residual"].mean(0)
         deviation = (deviation + given["shares"] @ residual[..., 0])[:, None]  # (B, 1, K)
-        plain = {name: torch.exp(log) for name, log in logs.items()}
-        coupling = plain["wave_speed"].square()[:, None] * self._laplacian
         springs = make_springs(
-            omega=torch.exp(logs["omega"] + deviation),
-            stiffening=torch.exp(logs["stiffening"] + w["stiffening_power"] * deviation),
-            sag=torch.exp(logs["sag"] + SAG_POWER * deviation),
-            normals=given["normals"].permute(1, 2, 0),
-            damping_ratio=plain["damping_ratio"],
-            normal_ratio=plain["normal_ratio"],
-            coupling=coupling + plain["bending"][:, None] * self._twice,
+            logs,
+            deviation,
+            w["stiffening_power"],
+            given["normals"].permute(1, 2, 0),
+            (self._laplacian, self._twice),
         )
-        loads = sum(
-            plain[f"{cause}_gain"] * given[cause].permute(2, 0, 3, 1)
+        inertia, gravity = (
+            torch.exp(logs[f"{cause}_gain"]) * given[cause].permute(2, 0, 3, 1)
             for cause in ("inertia", "gravity")
         )
-        assert isinstance(loads, Tensor)
-        taps, count = w["taps"] / w["taps"].sum(), loads.shape[1] - len(w["taps"]) + 1
-        smoothed = torch.zeros_like(loads[:, :count])
-        for back, tap in enumerate(reversed(taps.unbind())):
-            smoothed = smoothed + tap * loads[:, back : back + count]
+        loads = smoothed(inertia + gravity, w["taps"] / w["taps"].sum())
         now, before = (given[name].permute(1, 2, 0) for name in ("now", "before"))
-        frames, *_ = simulate(springs, smoothed, now, before)
+        frames, *_ = simulate(springs, loads, now, before)
         return torch.stack(frames).permute(0, 3, 1, 2)
 
     def loss(self, given: Mapping[str, Tensor]) -> tuple[Tensor, Tensor]:

@@ -32,7 +32,7 @@ class MotionReader(NamedTuple):
     """Whose motion a file is; None if it is none. As few bytes as possible are read."""
     ending: str = ""
     """Of its files' names, before the suffix."""
-    is_smpls: Callable[[Path], bool] = lambda _: False
+    is_smpl_family: Callable[[Path], bool] = lambda _: False
     """Whether a file is of SMPL's family, with its poses and perhaps betas, and not of an embedded
     body, of a file that holds a motion."""
 
@@ -42,7 +42,9 @@ class MotionReader(NamedTuple):
 
 
 READERS = {
-    "amass": MotionReader((".npz", ".smpl"), amass.read, amass.gender_of, is_smpls=amass.is_smpls),
+    "amass": MotionReader(
+        (".npz", ".smpl"), amass.read, amass.gender_of, is_smpl_family=amass.is_smpl_family
+    ),
     "bvh": MotionReader((".bvh",), bvh.read),
     "moshpp": MotionReader(
         (".pkl",), pickles.read, pickles.gender_of, pickles.OF_MOSH, lambda _: True
@@ -51,9 +53,11 @@ READERS = {
         (".pkl", ".pickle", ".pt", ".pth"),
         pickles.read,
         pickles.gender_of,
-        is_smpls=lambda _: True,
+        is_smpl_family=lambda _: True,
     ),
-    "joints": MotionReader((".npy",), joints.read, joints.gender_of, is_smpls=joints.is_smpls),
+    "joints": MotionReader(
+        (".npy",), joints.read, joints.gender_of, is_smpl_family=joints.is_smpl_family
+    ),
 }
 """By the names that a synthetic corpus's motions begin with if real people made them."""
 
@@ -102,12 +106,16 @@ def stated_gender(path: Path) -> str | None:
     return READERS[name].gender_of(path) if name else None
 
 
-def is_smpls(path: Path) -> bool:
+def is_smpl_family(path: Path) -> bool:
     """Whether one of these is a motion of SMPL's family, whose vertices and betas are SMPL's; not
     of an embedded body, as this project's own files. A damaged file is none."""
     name = format_of(path)
     try:
-        return name is not None and stated_gender(path) is not None and READERS[name].is_smpls(path)
+        return (
+            name is not None
+            and stated_gender(path) is not None
+            and READERS[name].is_smpl_family(path)
+        )
     except DsnetError:
         return False
 

@@ -70,7 +70,7 @@ def gender_of(path: Path) -> str | None:
         return gender_stored(arrays_of(stated, strict=True))
 
 
-def is_smpls(path: Path) -> bool:
+def is_smpl_family(path: Path) -> bool:
     """Whether a motion is of SMPL's family, and not of an embedded body."""
     with file_refused(path, unusable, "Download it again."), open_npz(motion_path(path)) as archive:
         stated = npz_fields(archive, dict.fromkeys(("source", "body_model"), _MOST_TEXT_BYTES))

@@ -81,7 +81,7 @@ def gender_of(path: Path) -> str | None:
     return "unknown" if shape[1:] in shapes else None
 
 
-def is_smpls(path: Path) -> bool:
+def is_smpl_family(path: Path) -> bool:
     """Whether it is Motion-X's: places of joints are nobody's vertices."""
     try:
         with open_regular(path, _MOST_BYTES) as file:

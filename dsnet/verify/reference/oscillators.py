@@ -156,10 +156,15 @@ def posed_vertices(model: TrainedPlus, body: BodyModelData, theta: Array, betas:
     pose until then.
     """
     rows = np.maximum(np.arange(len(theta)) - model.look_ahead, 0)
-    at_nodes, shown = node_offsets(model, body, theta, betas)[rows], theta[rows]
-    offsets_m = np.einsum("vk,tvkx->tvx", model.nodes.shares, at_nodes[:, model.nodes.owners])
-    offsets_m = offsets_m + _static_m(model, body, shown, betas)
+    offsets_m, shown = skin_offsets(model, body, theta, betas)[rows], theta[rows]
     return smpl.posed_vertices(body, betas[None], *unpack_theta(shown), offsets_m)
+
+
+def skin_offsets(model: TrainedPlus, body: BodyModelData, theta: Array, betas: Array) -> Array:
+    """Offsets (T, V, 3) of the skin, metres, over a motion theta (T, 69) that ends at rest."""
+    nodes, at_nodes = model.nodes, node_offsets(model, body, theta, betas)
+    offsets_m = np.einsum("vk,tvkx->tvx", nodes.shares, at_nodes[:, nodes.owners])
+    return offsets_m + _static_m(model, body, theta, betas)
 
 
 def _static_m(model: TrainedPlus, body: BodyModelData, theta: Array, betas: Array) -> Array:
@@ -290,7 +295,7 @@ def oscillators_train(w: Arrays, steps: list[int], learning_rate: float, **given
 
 def soft_tissue(w: Arrays, theta: Array, betas: Array, body: str) -> Tensors:
     """Offsets (T, B, V, 3) of the skin of B people with poses theta (T, B, 69)."""
-    return {"layer/offsets": _skin_offsets(w, theta, betas, body)}
+    return {"layer/offsets": _of_people(w, theta, betas, body)}
 
 
 def soft_tissue_slopes(w: Arrays, theta: Array, betas: Array, body: str, **given: Array) -> Tensors:
@@ -305,7 +310,7 @@ def soft_tissue_slopes(w: Arrays, theta: Array, betas: Array, body: str, **given
             moved = {"theta": theta, "betas": betas, **w}
             moved[variable] = moved[variable] + step
             weights = {key: moved[key] for key in w}
-            offsets = _skin_offsets(weights, moved["theta"], moved["betas"], body)
+            offsets = _of_people(weights, moved["theta"], moved["betas"], body)
             return float((probe * offsets).sum())
 
         slopes[variable] = np.array(
@@ -317,14 +322,10 @@ def soft_tissue_slopes(w: Arrays, theta: Array, betas: Array, body: str, **given
     return prefixed("grad", slopes)
 
 
-def _skin_offsets(w: Arrays, theta: Array, betas: Array, body: str) -> Array:
+def _of_people(w: Arrays, theta: Array, betas: Array, body: str) -> Array:
     model, data = TrainedPlus.from_arrays(w), load_body_model(body)
-    people = []
-    for poses, shape in zip(theta.swapaxes(0, 1), betas, strict=True):
-        at_nodes = node_offsets(model, data, poses, shape)
-        offsets_m = np.einsum("vk,tvkx->tvx", model.nodes.shares, at_nodes[:, model.nodes.owners])
-        people.append(offsets_m + _static_m(model, data, poses, shape))
-    return np.stack(people, axis=1)
+    people = zip(theta.swapaxes(0, 1), betas, strict=True)
+    return np.stack([skin_offsets(model, data, *one) for one in people], axis=1)
 
 
 def plus_graph(w: Arrays, theta: Array, betas: Array, body: str) -> Tensors:

@@ -58,7 +58,7 @@ def test_two_small_graphs_move_a_body(tmp_path: Path, capsys: pytest.CaptureFixt
     trained = dsnet.load_model("female")
     vertices_m = GraphSession(trained.model.graph({}, "float32")).rollout(theta, BETAS)
     found_m = np.stack([moved["vertices"] for moved in frames])
-    np.testing.assert_allclose(found_m, vertices_m, atol=2e-6)
+    np.testing.assert_allclose(found_m, vertices_m, atol=1e-6)
     late = int(about["latency_frames"])
     for person, betas in enumerate(BETAS):
         _, offsets_m = dsnet.animate("sample:walking", betas=betas.tolist()).arrays()

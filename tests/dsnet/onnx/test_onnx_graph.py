@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dsnet.onnx import onnx_graph
-from dsnet.onnx.onnx_graph import PRECISIONS, Graph, GraphSession, product
+from dsnet.onnx.onnx_graph import Graph, GraphSession
+from dsnet.onnx.precision import PRECISIONS, product
 
 RNG = np.random.default_rng(0)
 KERNEL = RNG.normal(size=(300, 400)).astype(np.float32)

@@ -160,7 +160,7 @@ def test_another_joint_map_is_another_prediction(tmp_path):
     controls, asked = Controls(joint_map=tmp_path / "joints.txt"), []
     for knee in ("LeftLeg", "Bip01 L Calf"):
         (tmp_path / "joints.txt").write_text(f"left_knee = {knee}\n")
-        asked.append(FolderJob(None, None, controls, ("vertices",)).config)
+        asked.append(FolderJob(None, None, controls, ("vertices",), tmp_path).config)
     assert asked[0] != asked[1]
 
 

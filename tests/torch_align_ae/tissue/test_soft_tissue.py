@@ -132,7 +132,32 @@ def test_gradients_are_those_of_finite_differences(
         assert slope == pytest.approx(float((gradient * towards).sum()), rel=1e-5), name
 
 
-def test_smplx_moves_with_soft_tissue(tmp_path: Path) -> None:
+def test_a_gradient_computes_each_piece_once_more(
+    plus: PlusModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed, simulate = [], soft_tissue.simulate
+    monkeypatch.setattr(soft_tissue, "PIECE", 5)
+    monkeypatch.setattr(
+        soft_tissue,
+        "simulate",
+        lambda *given: computed.append(given[1].shape[1]) or simulate(*given),
+    )
+    theta = walks(20).requires_grad_()
+    loss = layer_of(plus).at_nodes(theta, PEOPLE.double())[0].square().sum()
+    once = sum(computed)
+    loss.backward()
+    assert once == 19  # the first frame is at rest
+    assert sum(computed) == 2 * once
+
+
+def test_second_derivatives_are_refused(plus: PlusModel) -> None:
+    theta = walks(4).requires_grad_()
+    loss = layer_of(plus).at_nodes(theta, PEOPLE.double())[0].square().sum()
+    with pytest.raises(NotImplementedError, match="second derivatives"):
+        torch.autograd.grad(loss, theta, create_graph=True)
+
+
+def test_smplx_moves_with_soft_tissue(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The five lines beside smplx, on a body in another order than the model's own."""
     smplx = pytest.importorskip("smplx")
     body, path = _downloaded(tmp_path)
@@ -141,7 +166,10 @@ def test_smplx_moves_with_soft_tissue(tmp_path: Path) -> None:
     with warnings.catch_warnings(), torch.no_grad():
         warnings.simplefilter("ignore")  # of NumPy's, about how it makes tensors
         smpl = smplx.create(str(path), "smpl", gender="female", ext="pkl")
+        dsnet.soft_tissue()
+        assert "in another order than SMPL's" in capsys.readouterr().err
         layer = dsnet.soft_tissue(body=path)
+        assert "another order" not in capsys.readouterr().err
         offsets_m, _ = layer(theta, betas)
         hands = flat.new_zeros(60, 6)
         posed = smpl(shapes, torch.cat([flat[:, 3:66], hands], 1), flat[:, :3], flat[:, 66:])

@@ -1,4 +1,4 @@
-"""Whose body a folder's motions move: said in a line, and asked where it would go wrong unseen."""
+"""Which bodies a folder's motions move: reported, and refused where nobody has asked for them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bridge.body.embedded import EMBEDDED_PREFIX
 from bridge.errors import DsnetError, notify
-from bridge.motion.readers import is_smpls
+from bridge.motion.readers import is_smpl_family
 from dsnet.prediction.load_model import Source, find_model
 from dsnet.prediction.shape_space import UseOfBetas
 
@@ -23,7 +23,7 @@ def refuse_unnamed_body(
     """
     if not find_model(source, predictor).body_model.startswith(EMBEDDED_PREFIX):
         return
-    if (smpls := next((path for path in files if is_smpls(path)), None)) is not None:
+    if (smpls := next((path for path in files if is_smpl_family(path)), None)) is not None:
         raise DsnetError(
             f"--motion {folder} without --body, with motions of SMPL's bodies such as "
             f"{smpls.relative_to(folder)}",
@@ -34,7 +34,7 @@ def refuse_unnamed_body(
         )
 
 
-def tell_whose_body(moved: Sequence[tuple[str, UseOfBetas]]) -> None:
+def report_bodies(moved: Sequence[tuple[str, UseOfBetas]]) -> None:
     """A line: the bodies that motions move, and of how many the betas are not used."""
     if not moved:
         return
