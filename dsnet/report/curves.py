@@ -57,7 +57,7 @@ def finish_axes(axes: Axes, x: str, y: str, *, legend: bool = True) -> None:
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     if legend:
-        axes.legend(fontsize=8, framealpha=0.85, edgecolor="none")  # curves may pass below
+        axes.legend(fontsize=8, frameon=False)
 
 
 def draw_figure6(path: Path, align: Artifact) -> None:
@@ -128,8 +128,8 @@ def _draw_over_time(
     curves_mm = {name: 1e3 * curve_m for name, curve_m in read.items() if curve_m is not None}
     # An untrained autoencoder's errors would press all others to the ground.
     usual = [curve.max() for n, curve in curves_mm.items() if n not in LITERAL_DSNETS.values()]
-    top_mm = 1.5 * (max(usual, default=0.0) or 1.0)  # with room for the legend
-    with _drawn_axes(path, title, evaluate.origin, "time [s]", y) as axes:
+    top_mm = 1.5 * (max(usual, default=0.0) or 1.0)
+    with _drawn_axes(path, title, evaluate.origin, "time [s]", y, legend=False) as axes:
         for name, curve_mm in curves_mm.items():
             colour, line = styles[name]
             label = evaluate.manifest["predictors"].get(name, "true")
@@ -139,6 +139,8 @@ def _draw_over_time(
             axes.plot(times_s, curve_mm, line, color=colour, label=label, linewidth=1.5)
         axes.set_ylim(bottom=0.0, top=top_mm)
         axes.set_xlim(0, sequence["frames"] / fps)
+        # Above, as the curves take all of the room.
+        axes.legend(fontsize=8, frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0, 1))
 
 
 def liveliest_sequence(evaluate: Artifact) -> dict[str, Any] | None:
