@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dsnet.onnx import onnx_graph
+from dsnet.onnx import precision as precision_module
 from dsnet.onnx.onnx_graph import Graph, GraphSession
 from dsnet.onnx.precision import PRECISIONS, product
 
@@ -16,7 +16,7 @@ FEATURES = RNG.normal(size=(3, 9, 300)).astype(np.float32)
 
 @pytest.fixture(autouse=True)
 def everything_is_large(monkeypatch):
-    monkeypatch.setattr(onnx_graph, "_LARGE", 0)
+    monkeypatch.setattr(precision_module, "_LARGE", 0)
 
 
 def multiplied(precision, features: np.ndarray) -> np.ndarray:
