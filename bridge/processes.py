@@ -40,6 +40,8 @@ _EXPECTED = {
 """What a user can mend of what the system refuses: what was expected, and how."""
 _ENDING: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 """What is answered, by signal."""
+_LOCKING = {threading.Condition.__enter__.__code__, threading.Condition.__exit__.__code__}
+"""After or before the lock's own step an exception leaves it taken, and a worker waits for ever."""
 _PAUSE_S = 0.1
 _PATIENCE_S = 10.0
 
@@ -147,7 +149,7 @@ def _signals_answered(raised: list[KeyboardInterrupt]) -> Iterator[None]:
 
     def answer(number: int, frame: FrameType | None) -> None:
         nonlocal began
-        if _is_loading(frame):
+        if _is_fragile(frame):
             _come_again(number)
         elif not raised:
             began = time.monotonic()
@@ -187,9 +189,11 @@ def _come_again(number: int) -> None:
     again.start()
 
 
-def _is_loading(frame: FrameType | None) -> bool:
-    """Whether a library loads, which may swallow an exception."""
-    while frame and not frame.f_code.co_filename.startswith("<frozen importlib"):
+def _is_fragile(frame: FrameType | None) -> bool:
+    """Whether a library loads, which may swallow an exception, or a lock would stay taken."""
+    while frame and not (
+        frame.f_code in _LOCKING or frame.f_code.co_filename.startswith("<frozen importlib")
+    ):
         frame = frame.f_back
     return frame is not None
 

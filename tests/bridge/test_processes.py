@@ -118,6 +118,27 @@ def test_a_signal_while_a_wait_lets_go_of_its_lock_is_one_line(number, how):
     assert ended(code) == (128 + number, f"dsnet: {how}; run the same command to go on\n")
 
 
+@pytest.mark.parametrize(("step", "event"), [("__enter__", "c_return"), ("__exit__", "call")])
+@both_signals
+def test_no_signal_leaves_a_lock_taken(step, event, number, how):
+    """A worker with a result for a future would wait for it, and the command for the worker."""
+    code = f"""import threading
+    condition, locking = threading.Condition(threading.Lock()), threading.Condition.{step}
+    def interrupt(frame, event, _):
+        if (frame.f_code, event) == (locking.__code__, "{event}"):
+            sys.setprofile(None)
+            signal.raise_signal({int(number)})
+    sys.setprofile(interrupt)
+    try:
+        with condition:
+            pass
+        time.sleep(30)
+    finally:
+        if not condition.acquire(blocking=False):
+            print("the lock stays taken", file=sys.stderr)"""
+    assert ended(code) == (128 + number, f"dsnet: {how}; run the same command to go on\n")
+
+
 LOST = {
     "another": """
     class Wraps:
