@@ -14,43 +14,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.motion.cuts import turns_rad
 from bridge.motion.motion import Motion
+from bridge.motion.speeds import GRAVITY_M_S2, WHAT_MOVES, excess_speeds
 from bridge.motion.theta import unpack_theta
-from bridge.paper import N_JOINTS
 
 MOST_TREMOR_MM = 0.45
 """Motions without noise stay below 0.2, ours and a real jumping jack; most of CMU's early
 recordings are above it."""
 TREMOR_FROM_HZ = 10.0
 _FEWEST_FRAMES = 30
-MOST_TURN_DEG_S = 3500.0
-"""Of trunk and legs: between the fastest ankles in recorded dances and the faults beside them."""
-MOST_ARM_TURN_DEG_S = 8000.0
-"""Of the arms, the neck and the head: more than a pitcher's shoulder reaches."""
-MOST_ROOT_G = 20.0
-"""Of the root's acceleration from frame to frame: more than recorded landings have."""
 MOST_FALL_G = 2.5
 """The pelvis may fall faster than the body, whose arms and legs are thrown up meanwhile: 1.4 times
 gravity in a real jumping jack, and 5.5 at twice its rate."""
-_GRAVITY_M_S2 = 9.81
 _FALL_HALF_S = 0.05
 _POPS_APART_S = 0.25
 _LISTED = 5
 _LYING, _STANDING = 0.3, 0.7
 """Shares of the vertical in the direction of a trunk."""
 _FLYING_M = 2.0
-_ARMS = ("neck", "head", "collar", "shoulder", "elbow", "wrist")
-_MOST_TURNS_DEG_S = np.array(
-    [
-        MOST_ARM_TURN_DEG_S if name.endswith(_ARMS) else MOST_TURN_DEG_S
-        for name in SMPL_JOINT_NAMES[:N_JOINTS]
-    ]
-)
 
 
 def motion_warnings(
@@ -150,14 +135,19 @@ def steepest_fall_g(height_m: NDArray, fps: float) -> float:
     """Largest downward acceleration of a height (T,), in units of gravity; 0 if there is none.
 
     Each is the mean over a tenth of a second, weighted by a triangle of half its width h:
-    -(y(t - h) - 2 y(t) + y(t + h)) / h^2. So an error of a millimetre makes no more than 0.2.
+    -(y(t - h) - 2 y(t) + y(t + h)) / h^2. So an error of a millimetre makes no more than 0.2. Who
+    falls does so all that time: where the median from frame to frame is less than half of it, the
+    height leaps.
     """
     half = max(1, round(_FALL_HALF_S * fps))
     if len(height_m) <= 2 * half:
         return 0.0
     before, now, after = height_m[: -2 * half], height_m[half:-half], height_m[2 * half :]
-    bent = (2 * now - before - after).max() * (fps / half) ** 2
-    return max(0.0, float(bent) / _GRAVITY_M_S2)
+    mean = (2 * now - before - after) / half**2
+    each = sliding_window_view(-np.diff(height_m, 2), 2 * half - 1)
+    median = np.median(each, axis=1)
+    falls = np.where(median >= mean / 2, mean, 0.0)
+    return max(0.0, float(falls.max()) * fps**2 / GRAVITY_M_S2)
 
 
 def find_pops(motion: Motion, pieces: Sequence[slice]) -> dict[int, str]:
@@ -168,18 +158,11 @@ def find_pops(motion: Motion, pieces: Sequence[slice]) -> dict[int, str]:
     pops: dict[int, str] = {}
     for piece in pieces:
         pose, trans_m = unpack_theta(np.asarray(motion.theta[piece], np.float64))
-        # How far each joint's speed and the root's acceleration are above the bound, as 1.
-        excess = np.zeros((len(pose), N_JOINTS + 1))
-        if len(pose) > 1:
-            turn_deg = np.degrees(turns_rad(pose[:-1], pose[1:]))
-            excess[1:, :N_JOINTS] = turn_deg * motion.fps / _MOST_TURNS_DEG_S
-            bent_m = np.linalg.norm(np.diff(trans_m, 2, axis=0), axis=1)
-            excess[1:-1, N_JOINTS] = bent_m * motion.fps**2 / (MOST_ROOT_G * _GRAVITY_M_S2)
+        excess = excess_speeds(pose, trans_m, motion.fps)
         last = -np.inf
         for frame in np.flatnonzero((excess > 1).any(axis=1)):
             if frame - last > _POPS_APART_S * motion.fps:
-                name = [*SMPL_JOINT_NAMES[:N_JOINTS], "root"][int(excess[frame].argmax())]
-                pops[piece.start + int(frame)] = name
+                pops[piece.start + int(frame)] = WHAT_MOVES[int(excess[frame].argmax())]
             last = frame
     return pops
 

@@ -1,11 +1,9 @@
-"""Motions in time: from a file's frames to the paper's 60 fps, y up (Section 3.2), and between two.
+"""Motions in time: from a file's frames to the paper's 60 fps, y up (Section 3.2).
 
-Rotations are interpolated on the sphere (SLERP, the short way) joint by joint, all else linearly.
 Of a file at a lower rate than the result, straight lines would be corners at which the tissue is
-hit: cubic splines go through those frames, of quaternions for rotations. Nothing is
-extrapolated beyond the last frame, and nothing is interpolated across a cut (`bridge.motion.cuts`).
-Axis-angle vectors are kept continuous in time, as those of an alignment that starts each frame from
-the one before.
+hit: splines go through those frames. Nothing is extrapolated beyond the last frame, and nothing is
+interpolated across a cut (`bridge.motion.cuts`). Axis-angle vectors are kept continuous in time, as
+those of an alignment that starts each frame from the one before.
 """
 
 from __future__ import annotations
@@ -15,11 +13,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
-from bridge.motion.cuts import find_cuts, repeated_frames
+from bridge.motion.cuts import find_cuts
+from bridge.motion.interpolation import curved, straight, values_on_lines
 from bridge.motion.motion import (
     AS_IT_SAYS,
     MOST_FRAMES,
@@ -30,8 +28,8 @@ from bridge.motion.motion import (
     SmoothHz,
 )
 from bridge.motion.readers import read_motion_file
-from bridge.motion.smoothing import continuous_quaternions, continuous_rotations, smoothed
-from bridge.motion.theta import pack_theta, unpack_theta
+from bridge.motion.repairs import without_repeats, without_spikes
+from bridge.motion.smoothing import continuous_rotations, smoothed
 from bridge.paper import FPS
 
 # Files store rates such as 120.00004577636719; a last frame must not be lost to that.
@@ -77,7 +75,7 @@ def load_motion(
             "how many frames a second it has",
             "Pass --motion-fps N (--amass-fps N of a folder, source_fps=N in Python).",
         )
-    motion = _without_repeats(motion)
+    motion = without_spikes(without_repeats(motion))
     if smooth_hz is not None:
         motion = smoothed(motion, smooth_hz)
     count = len(motion.theta)
@@ -105,40 +103,13 @@ def resampled_frames(frame_count: int, source_fps: float, fps: float = FPS) -> i
     return int(np.floor(duration_s * fps + _FRAME_TOLERANCE)) + 1
 
 
-def _without_repeats(motion: Motion) -> Motion:
-    """The motion with repeated frames interpolated between the others, and a note of it."""
-    pieces, count = motion.pieces, len(motion.theta)
-    parts = [repeated_frames(motion.theta[piece], motion.fps) for piece in pieces]
-    repeated, at_s = np.concatenate(parts), np.arange(count) / motion.fps
-    if not repeated.any():
-        return motion
-    pose, line = motion.all_joints.copy(), _lines(motion)
-    for piece in pieces:
-        again, others = (piece.start + np.flatnonzero(repeated[piece] == one) for one in (1, 0))
-        if len(again):
-            drawn = _curved(pose[others], line[others], at_s[others], at_s[again])
-            pose[again], line[again] = drawn
-    note = (
-        f"{motion.source} repeats {repeated.sum()} of its {count} frames while the body moves, "
-        f"first at {at_s[repeated][0]:.2f} s: they are interpolated"
-    )
-    dmpls = None if motion.dmpls is None else line[:, 3:]
-    return motion.posed(pose, line[:, :3], dmpls=dmpls, notes=(*motion.notes, note))
-
-
-def _lines(motion: Motion) -> NDArray[np.float64]:
-    """(T, 3) translation, or (T, 11) with DMPL's coefficients: what goes on straight lines."""
-    lines = [motion.trans_m, *([] if motion.dmpls is None else [motion.dmpls])]
-    return np.concatenate(lines, axis=1)
-
-
 def _resampled(motion: Motion, fps: float) -> Motion:
     """The motion at `fps`, piece by piece between cuts.
 
     What is sampled between the last frame before a cut and the first after it goes on as the
     motion did before. A cut stays where both of its sides are sampled.
     """
-    whole, line = motion.all_joints, _lines(motion)
+    whole, line = motion.all_joints, values_on_lines(motion)
     count = len(whole)
     times_s = np.arange(resampled_frames(count, motion.fps, fps)) / fps
     times_s = np.minimum(times_s, (count - 1) / motion.fps)
@@ -157,55 +128,7 @@ def _resampled(motion: Motion, fps: float) -> Motion:
         source_s = np.arange(len(pose)) / motion.fps
         at_s = np.clip(times_s[one:last] - piece.start / motion.fps, 0, source_s[-1])
         is_slow = motion.fps < fps - _FRAME_TOLERANCE and len(pose) >= _FEWEST_OF_SPLINE
-        parts.append((_curved if is_slow else _straight)(pose, values, source_s, at_s))
+        parts.append((curved if is_slow else straight)(pose, values, source_s, at_s))
     pose, moved = (np.concatenate(each) for each in zip(*parts, strict=True))
     dmpls = None if motion.dmpls is None else moved[:, 3:]
     return motion.posed(pose, moved[:, :3], dmpls=dmpls, fps=float(fps), cuts=cuts)
-
-
-def _straight(
-    pose: NDArray, values: NDArray, source_s: NDArray, at_s: NDArray
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pose (T, J, 3) and values (T, n) at other times, on straight lines and great circles."""
-    moved = np.stack([np.interp(at_s, source_s, column) for column in values.T], axis=1)
-    if len(pose) > 1:
-        turns = [Slerp(source_s, Rotation.from_rotvec(joint)) for joint in pose.swapaxes(0, 1)]
-        pose = np.stack([slerp(at_s).as_rotvec() for slerp in turns], axis=1)
-    return pose, moved
-
-
-def _curved(
-    pose: NDArray, values: NDArray, source_s: NDArray, at_s: NDArray
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The same on cubic splines."""
-    from scipy.interpolate import CubicSpline  # of slow files alone
-
-    turns = CubicSpline(source_s, continuous_quaternions(pose))(at_s)
-    turned = Rotation.from_quat(turns.reshape(-1, 4)).as_rotvec()
-    moved = np.asarray(CubicSpline(source_s, values)(at_s), np.float64)
-    return turned.reshape(len(at_s), -1, 3), moved
-
-
-def between(before: NDArray, after: NDArray, share: NDArray) -> NDArray[np.floating]:
-    """Poses (N, 69) at shares (N,) of the way from poses (N, 69) to poses (N, 69).
-
-    A share of 1 gives `after` as it is.
-    """
-    if (share == 1).all():
-        return after
-    (pose, trans_m), (next_pose, next_trans_m) = unpack_theta(before), unpack_theta(after)
-    first, second = (Rotation.from_rotvec(p.reshape(-1, 3)) for p in (pose, next_pose))
-    turn = (first.inv() * second).as_rotvec() * share.repeat(pose.shape[1])[:, None]
-    turned = (first * Rotation.from_rotvec(turn)).as_rotvec().reshape(pose.shape)
-    both = np.stack([pose, turned]).reshape(2, -1, 3).astype(np.float64)
-    turned = continuous_rotations(both)[1]
-    moved_m = trans_m + share[:, None] * (next_trans_m - trans_m)
-    theta = pack_theta(turned.reshape(pose.shape), moved_m)
-    return np.where(share[:, None] == 1, after, theta)
-
-
-def going_on(before: NDArray, last: NDArray) -> NDArray[np.floating]:
-    """The pose (69,) after `last`, if the body goes on as it did from `before` to it."""
-    (pose, trans_m), (last_pose, last_trans_m) = unpack_theta(before), unpack_theta(last)
-    first, second = Rotation.from_rotvec(pose), Rotation.from_rotvec(last_pose)
-    return pack_theta((second * first.inv() * second).as_rotvec(), 2 * last_trans_m - trans_m)

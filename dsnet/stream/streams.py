@@ -23,7 +23,7 @@ from bridge.body.posing import ShapedBody, Smpl
 from bridge.errors import DsnetError
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import is_cut
-from bridge.motion.resampling import between, going_on
+from bridge.motion.interpolation import between, going_on
 from bridge.motion.smoothing import StreamSmoother
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.prediction.load_model import Source, find_model, load_model, requested_body

@@ -11,6 +11,7 @@ import pickle
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -120,8 +121,10 @@ KINDS = (
          lambda: bvh(world=about("z", 180))),
     Kind("left_handed.bvh", "left-handed", lambda: bvh(mirror=True)),
     Kind("undone.bvh", "joints of no length undo the hips' turn", undone_hips),
-    Kind("toe.bvh", "a toe flips", lambda: flipped("LeftToeBase"), differs="toes"),
-    Kind("wrist.bvh", "a wrist flips", lambda: flipped("RightHand"), differs="wrists"),
+    *(
+        Kind(f"{name}.bvh", f"a joint flips for some frames: {name}", partial(flipped, name))
+        for name in ("LeftToeBase", "RightHand", "Head", "Spine1", "RightLeg")
+    ),
     Kind("unreal.bvh", "names of Unreal", lambda: bvh(_UNREAL)),
     Kind("biped.bvh", "names of Biped, with blanks", lambda: bvh(_BIPED)),
     Kind("model.bvh", "prefix `Model_`", lambda: bvh([f"Model_{name}" for name in MIXAMO])),

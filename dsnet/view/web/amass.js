@@ -8,7 +8,7 @@ const LENGTH = "mocap_time_length", RATES = ["mocap_framerate", "mocap_frame_rat
 const KEYS = ["poses", "trans", "betas", "gender", "source", "body_model", KIND, LENGTH, ...RATES];
 const WIDTHS = [72, 156, 165], JOINTS = 22, FPS = 60, MOST_FRAMES = 108000;
 const MOST_BYTES = { poses: MOST_FRAMES * 165 * 8, trans: MOST_FRAMES * 24, betas: MOST_FRAMES * 128 };
-const CUT_M = 0.5, CUT_RAD = (150 / 180) * Math.PI, UPRIGHT = [-Math.SQRT1_2, 0, 0, Math.SQRT1_2];
+const CUT_M = 0.5, CUT_RAD = (150 / 180) * Math.PI, MOST_TURN_RAD_S = (3500 / 180) * Math.PI, MOST_ARM_TURN_RAD_S = (8000 / 180) * Math.PI, UPRIGHT = [-Math.SQRT1_2, 0, 0, Math.SQRT1_2];
 const ASLANT = 0.5; // largest y relative to z of a trunk along z
 // The root rotates about the root joint J, and so does the rotation to y up: R J - J.
 const BY_JOINT = { y: [[0, 0, 0], [0, 0, 0], [0, 0, 0]], z: [[0, 0, 0], [0, -1, 1], [0, -1, -1]] };
@@ -140,8 +140,9 @@ function atSixty(poses, trans, frames, width, rate, count, up) {
       let q = quaternion(poses.subarray(row * width + 3 * j, row * width + 3 * j + 3));
       if (row && turned(row - 1, j).reduce((sum, x, i) => sum + x * q[i], 0) < 0) q = q.map((x) => -x);
       q.forEach((x, i) => (quats[j][i][row] = x));
-      if (row && (far >= CUT_M || Math.hypot(...rotvec(times(inverse(turned(row - 1, j)), q))) >= CUT_RAD))
-        refuse(`the motion jumps at its frame ${row}; Python divides it there: dsnet view --motion FILE`);
+      const turn = row ? Math.hypot(...rotvec(times(inverse(turned(row - 1, j)), q))) : 0;
+      if (far >= CUT_M || turn >= CUT_RAD || turn * rate > (j < 12 ? MOST_TURN_RAD_S : MOST_ARM_TURN_RAD_S))
+        refuse(`the motion jumps at its frame ${row}; Python divides or mends it there: dsnet view --motion FILE`);
     }
   }
   const curved = rate < FPS - 1e-3 && frames >= 4, bend = (parts) => parts.map((part) => [part, slopes(part)]);

@@ -73,7 +73,20 @@ def test_a_cut_is_no_fall(tmp_path):
     save(tmp_path / "cut.npz", smplh(240, 120.0), trans=trans)
     motion = load_amass_motion(tmp_path / "cut.npz")
     assert fall_warning(motion, motion.pieces) == ""
-    assert fall_warning(motion, [slice(0, len(motion.theta))])
+    assert fall_warning(motion, [slice(0, len(motion.theta))]) == ""
+
+
+def test_a_root_that_leaps_is_no_fall_and_is_named(tmp_path):
+    """By 11 cm at 100 frames a second: over a tenth of a second, 4.5 times gravity."""
+    trans = np.zeros((251, 3))
+    trans[100:, 2] += 0.11
+    trans[200:, 2] -= 0.11
+    save(tmp_path / "leaps.npz", smplh(251, 100.0), poses=np.zeros((251, 156)), trans=trans)
+    said = motion_warnings(load_amass_motion(tmp_path / "leaps.npz", fps=100.0))
+    assert not [line for line in said if "gravity" in line]
+    assert [
+        line for line in said if "faster than anybody can: root at 0.99 s, root at 1.99" in line
+    ]
 
 
 def test_the_given_rate_is_taken_for_the_files_own():

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
-from bridge.motion.resampling import between, going_on
+from bridge.motion.interpolation import between, going_on
 from bridge.motion.theta import unpack_theta
 from tests.forged.amass import load_amass_motion, load_as_it_lies, save, smplh
 from tests.forged.swaying import swaying
