@@ -30,6 +30,12 @@ def new_path(out: Path) -> Iterator[Path]:
             (made := work / "made").mkdir()  # apart from the lock, which has a name too
             yield made / out.name
             os.replace(made / out.name, out)
+    except UnicodeEncodeError as error:
+        raise DsnetError(
+            f"--out {out}, whose bytes are no UTF-8, which this format's library takes alone",
+            "a path in UTF-8",
+            "Name another path.",
+        ) from error
     except OSError as error:
         raise DsnetError(
             f"--out {out}, which cannot be written ({error.strerror or error})",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -158,6 +159,16 @@ def test_what_a_killed_process_left_is_no_hindrance(tmp_path):
         assert not path.exists()
         path.write_text("whole")
     assert [path.name for path in tmp_path.iterdir()] == ["body.npz"]
+
+
+@pytest.mark.parametrize("to", ["usd", "abc", "glb"])
+def test_a_name_that_is_not_utf_8_is_a_file_or_one_line(motion, tmp_path, to, capfd):
+    out = tmp_path / f"a\udcff.{to}"
+    with contextlib.suppress(SystemExit):
+        main(["export", "--to", to, "--motion", str(motion), "--out", str(out)])
+    said = capfd.readouterr().err
+    assert "Traceback" not in said
+    assert out.exists() or "expected a path in UTF-8" in said
 
 
 def test_two_processes_and_one_path(motion, tmp_path):
