@@ -27,11 +27,11 @@ def export(
 
     Parameters
     ----------
-    motion : a motion file or `sample:NAME`; None for `onnx`, `onnx-plain`, `keras`, `savedmodel`
-        and `tflite`, which hold the predictor alone.
+    motion : a motion file or `sample:NAME`; None for `onnx`, `onnx-clip`, `onnx-plain`, `keras`,
+        `savedmodel` and `tflite`, which hold the predictor alone.
     out : a new file, or for `pc2`, `mdd`, `obj`, `ply` and `onnx-plain` a new folder.
     to : one of usd, pc2, mdd, obj, ply, glb, abc, bvh, npz, npz55, smpl, gif, mp4, html, onnx,
-        onnx-plain, keras, savedmodel, tflite; by the suffix of `out` when None.
+        onnx-clip, onnx-plain, keras, savedmodel, tflite; by the suffix of `out` when None.
     model : predictor that moves the skin, see `load_model`.
     precision : of the large kernels of an onnx graph.
     controls : fields of `Controls`, as in `gain=1.5, part_gain=["belly=2"]`.

@@ -49,6 +49,9 @@ def _by_keras(function: str, *suffixes: str) -> Format:
 
 FORMATS = {
     "onnx": Format("dsnet.exporters.onnx_model.export_onnx", (".onnx",), needs_motion=False),
+    "onnx-clip": Format(
+        "dsnet.exporters.onnx_model.export_onnx_clip", (".onnx",), needs_motion=False
+    ),
     "onnx-plain": Format("dsnet.exporters.onnx_model.export_onnx_plain", needs_motion=False),
     "usd": Format("dsnet.exporters.usd.write", (".usd", ".usdc", ".usda"), "pxr", "usd"),
     "pc2": Format("dsnet.exporters.mesh_files.write_pc2"),

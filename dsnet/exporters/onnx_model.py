@@ -52,6 +52,11 @@ def export_onnx(
     onnx.save_model(graph, path)
 
 
+def export_onnx_clip(path: Path, chosen: TrainedModel, *, run: str = "") -> None:
+    """Write one predictor with its body as a graph of whole clips, from their first frame on."""
+    onnx.save_model(chosen.model.clip_graph(_metadata(chosen, run, "float32")), path)
+
+
 def export_onnx_plain(path: Path, chosen: TrainedModel, *, run: str = "") -> None:
     """Write one predictor as graphs without `If`, `Loop` and `Scan`, for runtimes that lack them.
 

@@ -21,9 +21,9 @@ class ExportConfig(Controls):
 
     to: str | None = None
     """Format: usd, pc2, mdd, obj, ply, glb, abc, bvh, npz, npz55, smpl, gif, mp4 or html of a
-    motion. Or of a predictor alone: onnx, with its body as one graph; onnx-plain, the same in a
-    folder without control flow; keras, savedmodel or tflite, a network that Keras
-    trained. docs/export.md says how to open each."""
+    motion. Or of a predictor alone: onnx, with its body as one graph; onnx-clip, the same of
+    whole clips; onnx-plain, in a folder without control flow; keras, savedmodel or tflite, a
+    network that Keras trained. docs/export.md says how to open each."""
     motion: Path | None = None
     """Motion file: AMASS `.npz`, BVH and others (docs/motion_files.md), or `sample:walking`; for
     formats that show one."""

@@ -47,6 +47,7 @@ def dsnet_body_graph(
     metadata: Mapping[str, str] | None = None,
     precision: Precision = "float32",
     control_flow: bool = True,
+    with_offsets: bool = False,
 ) -> onnx.ModelProto:
     """A trained DSNet, its autoencoder's decoder and the body: a pose in, the posed skin out.
 
@@ -59,8 +60,8 @@ def dsnet_body_graph(
     decoder : weights with PyTorch's names, and `normaliser.mean_m` and `normaliser.scale_m`.
     architecture : as in the manifest of `train-ae`.
     precision : of the large kernels.
-    control_flow : without it there is no `Scan`, and `offsets` (B, V, 3) in the rest pose, metres,
-        are an output too.
+    control_flow : without it there is no `Scan`.
+    with_offsets : `offsets` (B, V, 3) in the rest pose, metres, are an output too.
     """
     if architecture["widths"][0] != body.vertex_count:
         raise DsnetError(
@@ -80,7 +81,7 @@ def dsnet_body_graph(
         rest = skin.rest(features, betas) + offsets_m
         vertices = skin.skinned(translated(graph, bones, translation(theta)), rest)
     outputs = {"vertices": vertices}
-    if not control_flow:
+    if with_offsets:
         outputs["offsets"] = offsets_m.transpose(0, 2, 1)
     shapes = dict.fromkeys(outputs, ("B", body.vertex_count, 3))
     return graph.model(

@@ -82,6 +82,7 @@ def plus_graph(
     precision: Precision = "float32",
     in_parts: bool = False,
     control_flow: bool = True,
+    with_offsets: bool = False,
 ) -> onnx.ModelProto:
     """One step of a trained `dsnet_plus` with the skin of its body model.
 
@@ -91,8 +92,8 @@ def plus_graph(
     in_parts : give, in place of `vertices`, `rest` (B, 3, V) of SMPL alone, `offsets` (B, 3, V) in
         the rest pose, and `bones` (B, 12, 23), so that both can be skinned.
     control_flow : without it no operator holds a graph (`If`, `Loop`, `Scan`): the state of who
-        begins is that of `plus_begin_graph`, and `offsets` (B, V, 3) in the rest pose, metres, are
-        an output too.
+        begins is that of `plus_begin_graph`.
+    with_offsets : `offsets` (B, V, 3) in the rest pose, metres, are an output too.
     """
     step = _PlusStep(model, body, plus_layout(model), control_flow)
     graph, count = step.graph, body.vertex_count
@@ -109,7 +110,7 @@ def plus_graph(
     else:
         with graph.section("skin"):
             outputs = {"vertices": skin.skinned(bones, rest + offsets)}
-            if not control_flow:
+            if with_offsets:
                 outputs["offsets"] = offsets.transpose(0, 2, 1)
         shapes = dict.fromkeys(outputs, ("B", count, 3))
     return graph.model(

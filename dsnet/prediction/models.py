@@ -28,6 +28,7 @@ from bridge.exchange.weights import load_autoencoder
 from bridge.paper import FPS, N_BETAS
 from bridge.runs import Artifact
 from bridge.tissue.trained_plus import TrainedPlus
+from dsnet.onnx.clip_graph import over_frames
 from dsnet.onnx.network_graphs import (
     decoder_graph,
     dsnet_body_graph,
@@ -95,6 +96,10 @@ class Model(Protocol):
         """The step and the posed skin as one graph, for tools that have ONNX Runtime alone."""
         ...
 
+    def clip_graph(self, metadata: Mapping[str, str]) -> onnx.ModelProto:
+        """The same of all frames of clips at once, with the offsets."""
+        ...
+
     def plain_graphs(self, metadata: Mapping[str, str]) -> dict[str, onnx.ModelProto]:
         """The same without control flow: `step`, and `begin` if states do not begin as zeros."""
         ...
@@ -153,9 +158,12 @@ class PlusModel:
     def graph(self, metadata: Mapping[str, str], precision: Precision) -> onnx.ModelProto:
         return plus_graph(self.trained, self._body, metadata, precision)
 
+    def clip_graph(self, metadata: Mapping[str, str]) -> onnx.ModelProto:
+        return over_frames(plus_graph(self.trained, self._body, metadata, with_offsets=True))
+
     def plain_graphs(self, metadata: Mapping[str, str]) -> dict[str, onnx.ModelProto]:
         about = {**metadata, "state": _STATE_BEGINS}
-        step = plus_graph(self.trained, self._body, about, control_flow=False)
+        step = plus_graph(self.trained, self._body, about, control_flow=False, with_offsets=True)
         return {"step": step, "begin": plus_begin_graph(self.trained, self._body)}
 
 
@@ -210,19 +218,26 @@ class DsnetModel:
         return self._decoder(latents=codes)["offsets"]
 
     def graph(self, metadata: Mapping[str, str], precision: Precision) -> onnx.ModelProto:
-        return self._body_graph(metadata, precision, control_flow=True)
+        return self._body_graph(metadata, precision)
+
+    def clip_graph(self, metadata: Mapping[str, str]) -> onnx.ModelProto:
+        return over_frames(self._body_graph(metadata, with_offsets=True))
 
     def plain_graphs(self, metadata: Mapping[str, str]) -> dict[str, onnx.ModelProto]:
-        return {"step": self._body_graph(metadata, "float32", control_flow=False)}
+        return {"step": self._body_graph(metadata, control_flow=False, with_offsets=True)}
 
     def _body_graph(
-        self, metadata: Mapping[str, str], precision: Precision, control_flow: bool
+        self,
+        metadata: Mapping[str, str],
+        precision: Precision = "float32",
+        control_flow: bool = True,
+        with_offsets: bool = False,
     ) -> onnx.ModelProto:
         assert self._codec is not None
         assert self._body is not None
         codec = load_autoencoder(self._codec)
         return dsnet_body_graph(
-            self._network, *codec, self._body, metadata, precision, control_flow
+            self._network, *codec, self._body, metadata, precision, control_flow, with_offsets
         )
 
 
