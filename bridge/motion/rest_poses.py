@@ -1,8 +1,9 @@
 """What turns SMPL's rest pose into the frames of a file's joints, by where its joints lie.
 
-The pelvis has two hips and a spine, which give its frame; the chest has collars and a neck. From
-there each joint's frame is that of the one above it, if its bone then points where SMPL's does. If
-not, it is turned by the shortest turn of a cube that brings the bone there. How it is turned about
+The pelvis is upright where trunk and legs are in the mean, between two hips; the chest has collars
+and a neck. From there each joint's frame is that of the one above it, if its bone then points where
+SMPL's does. If not, it is turned by the shortest turn of a cube that brings the bone there; in the
+trunk only if it turns less then throughout the motion. How it is turned about
 the bone, no place says: of four quarters that is taken in which the joint turns least throughout
 the motion; so it is with leaves where nobody stands as the file rests. Feet that rest elsewhere
 than a standing body's are taken to stand flat where their toes are lowest.
@@ -51,8 +52,18 @@ for _side, _out in zip(SIDES, (_X, -_X), strict=True):
     }
 _LIMBS = ("hip", "knee", "shoulder", "elbow")
 _SNAPPED_UP_DEG, _SNAPPED_SIDE_DEG, _SNAPPED_BONE_DEG = 25.0, 10.0, 40.0
+_AGREED_DEG, _TILTED_DEG = 8.0, 10.0
+_AGREED_SIDES_DEG, _TURNED_DEG = 3.0, 4.0
+"""Where trunk and legs, or hips and shoulders, agree so well, what is farther from the file's axes
+is a rest pose that is tilted or turned as a whole."""
+_OPPOSITE_DEG = 90.0
+"""Legs so far from below the trunk do not say where up is."""
 _CUBE = [*Rotation.create_group("O").as_matrix()]
 _OTHER_CHEST_DEG = 30.0
+_OWN_DEG = 10.0
+"""SMPL's own limbs at rest differ less between people."""
+_AHEAD_DEG = 45.0
+"""From where a limb may be turned about forward, to where it points forward itself."""
 _FOOT_DEG = 55.0
 _FOOT_SHAPE_DEG = 12.0, 50.0
 """Between the lines from ankle to toes and along them, in a flat foot."""
@@ -104,8 +115,7 @@ class RestTurns:
         self.rest_turns, self.feet = dict(self.frames), list[str]()
         self.chest = _chest_frame(skeleton, joints, rest)
         self.stands = standing_up(skeleton, joints) is not None
-        # A skeleton that is SMPL's own, by its names, is taken as it is.
-        self.is_smpls = set(plain_names(OWN_NAMES)) <= set(plain_names(skeleton.names))
+        self.is_smpls = self._rests_as_smpl()
         for name in OWN_NAMES[1:]:
             if name in joints:
                 self._find(name)
@@ -120,7 +130,8 @@ class RestTurns:
         is_limb = name.endswith(_LIMBS) and end is not None
         smpl_bone = self.smpl_rest_m[end] - self.smpl_rest_m[name] if is_limb and end else along
         if name == "spine3" and self.chest is not None:
-            frame = self.chest if turn_deg(frame, self.chest) > _OTHER_CHEST_DEG else frame
+            other = angle_deg(frame @ _X, self.chest @ _X) > _OTHER_CHEST_DEG
+            frame = self.chest if other else frame
         if self.is_smpls:
             pass
         elif name.endswith("ankle") and bone is not None:
@@ -130,10 +141,23 @@ class RestTurns:
             inherited = self.rest_turns[above] if name.endswith("wrist") else frame
             frame = inherited if kept else self._quietest(name, above, [inherited, *_CUBE])
         elif not self.stands or angle_deg(frame @ smpl_bone, bone) > most_deg:
-            frame = self._quietest(name, above, _swung(frame, along, bone))
+            as_above = [frame] if along is _Y else []
+            frame = self._quietest(name, above, [*as_above, *_swung(frame, along, bone)])
         self.frames[name] = self.rest_turns[name] = frame
         if is_limb and bone is not None and not self.is_smpls:
-            self.rest_turns[name] = shortest_turn(frame @ smpl_bone, bone) @ frame
+            self.rest_turns[name] = _onto(frame, smpl_bone, bone)
+
+    def _rests_as_smpl(self) -> bool:
+        """Whether it is taken as it is: it has SMPL's names, and rests as SMPL does."""
+        if not set(plain_names(OWN_NAMES)) <= set(plain_names(self.skeleton.names)):
+            return False
+        ends = {name: end for name, (end, *_) in _BONES.items() if end and name.endswith(_LIMBS)}
+        bones = {name: self._bone(name, end) for name, end in ends.items()}
+        return not any(
+            bone is None
+            or angle_deg(self.smpl_rest_m[ends[name]] - self.smpl_rest_m[name], bone) > _OWN_DEG
+            for name, bone in bones.items()
+        )
 
     def _bone(self, name: str, end: str | None) -> NDArray[np.float64] | None:
         """(3,) from a joint to where its bone ends; None where that is not known."""
@@ -178,34 +202,39 @@ def leg_length(rest: Rest) -> float:
 
 
 def _pelvis(path: Path, rest: Rest) -> NDArray[np.float64]:
-    frame = _frame(rest, "hip", middle(rest, "hip"), _above(rest))
+    """By trunk and legs, for no single joint tells: the trunk's lowest may lie ahead of the hips."""
+    hips, ankles = middle(rest, "hip"), middle(rest, "ankle")
+    trunk, legs = unit(middle(rest, "shoulder") - hips), unit(hips - ankles)
+    apart_deg = angle_deg(trunk, legs)
+    both = trunk + legs if apart_deg < _OPPOSITE_DEG else trunk
+    across = [rest[f"left_{pair}"] - rest[f"right_{pair}"] for pair in ("hip", "shoulder")]
+    most_deg = _TILTED_DEG if apart_deg < _AGREED_DEG else _SNAPPED_UP_DEG
+    frame = _frame([both, trunk], across, most_deg)
     if frame is None:
         raise unusable(path, "whose hips and trunk lie in one line at rest")
     return frame
 
 
-def _above(rest: Rest) -> NDArray[np.float64]:
-    """The lowest joint of the trunk that is not in the pelvis itself."""
-    shoulders, hips = middle(rest, "shoulder"), middle(rest, "hip")
-    for name in ("spine1", "spine2", "spine3", "neck"):
-        if name in rest and np.linalg.norm(
-            rest[name] - rest["pelvis"]
-        ) > 1e-6 + 0.02 * np.linalg.norm(shoulders - hips):
-            return rest[name]
-    return shoulders
+def _frame(
+    ups: Sequence[NDArray], across: Sequence[NDArray], most_deg: float
+) -> NDArray[np.float64] | None:
+    """(3, 3) left, up and forward as columns: along the file's own axes where they are near.
 
-
-def _frame(rest: Rest, pair: str, low: NDArray, high: NDArray) -> NDArray[np.float64] | None:
-    """(3, 3) left, up and forward as columns: the file's own axes where they are near.
-
-    None where left is up.
+    None where left is up. `ups` are what up may be near, or else the first of them; `across` is
+    left, and what else agrees with it if all is turned.
     """
-    up = _snapped(unit(high - low), _SNAPPED_UP_DEG)
-    left = rest[f"left_{pair}"] - rest[f"right_{pair}"]
-    left = left - (left @ up) * up
-    if not np.linalg.norm(left) > 1e-6 * np.linalg.norm(high - low):
+    agreed = len(across) > 1 and angle_deg(*across) < _AGREED_SIDES_DEG
+    left = _snapped(unit(across[0]), _TURNED_DEG if agreed else _SNAPPED_SIDE_DEG)
+    up = unit(ups[0]) - (unit(ups[0]) @ left) * left
+    if not np.linalg.norm(up) > 1e-6:
         return None
-    left = _snapped(unit(left), _SNAPPED_SIDE_DEG)
+    level_deg = _TURNED_DEG if agreed else _SNAPPED_UP_DEG
+    axes = [one for one in (*np.eye(3), *-np.eye(3)) if abs(angle_deg(one, left) - 90) < level_deg]
+    lines = [*axes, *(np.cross(axis, left) for axis in axes)]
+    far_deg = [min(angle_deg(line, one) for one in ups) for line in lines]
+    if far_deg and min(far_deg) < most_deg:
+        up = lines[int(np.argmin(far_deg))]
+    up = unit(up)
     left = unit(left - (left @ up) * up)
     return np.stack([left, up, np.cross(left, up)], axis=1).astype(np.float64)
 
@@ -229,12 +258,24 @@ def _chest_frame(
         return None
     if np.linalg.norm(rest["neck"] - rest["spine3"]) < 1e-9:
         return None
-    return _frame(rest, pair, rest["spine3"], rest["neck"])
+    across = rest[f"left_{pair}"] - rest[f"right_{pair}"]
+    return _frame([rest["neck"] - rest["spine3"]], [across], _SNAPPED_UP_DEG)
+
+
+def _onto(frame: NDArray, start: NDArray, bone: NDArray) -> NDArray[np.float64]:
+    """The frame turned so that its `start` points as the bone: first about forward, as arms that
+    hang in an A are, then the shortest way."""
+    level = np.diag([1.0, 1.0, 0.0])
+    ahead, end = frame @ level @ start, frame @ level @ (bone @ frame)
+    if angle_deg(bone, end) > _AHEAD_DEG or angle_deg(ahead, end) > _OPPOSITE_DEG:
+        return shortest_turn(frame @ start, bone) @ frame
+    frame = shortest_turn(ahead, end) @ frame
+    return shortest_turn(frame @ start, bone) @ frame
 
 
 def _swung(frame: NDArray, along: NDArray, bone: NDArray) -> list[NDArray[np.float64]]:
     """The frame turned so that its axis `along` points as the bone, in each of four quarters."""
-    start, end = frame @ along, _snapped(unit(bone), _SNAPPED_BONE_DEG)
+    start, end = frame @ along, frame @ _snapped(unit(bone @ frame), _SNAPPED_BONE_DEG)
     if angle_deg(start, end) > 179.0:
         axis = frame @ (_Z if abs(along @ _Z) < 0.5 else _X)
         swing = Rotation.from_rotvec(np.pi * unit(axis)).as_matrix()
