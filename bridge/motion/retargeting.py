@@ -96,9 +96,12 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
         skeleton = skeleton.mirrored(axis)
         turns, places = skeleton.posed(sampled)
     carriers = joints | {"pelvis": _pelvis_frame(skeleton, joints, turns)}
+    carriers |= _twisted(skeleton, joints)
     upright, upright_notes = _upright(skeleton, joints, places, how)
     vertical = upright.T @ [0.0, 1.0, 0.0]
-    rested = RestTurns(skeleton, carriers, smpl_rest_m, (turns, places), vertical)
+    carried = turns.copy()
+    carried[:, [*joints.values()]] = turns[:, [carriers[name] for name in joints]]
+    rested = RestTurns(skeleton, joints, smpl_rest_m, (carried, places), vertical)
     rest, feet = rested.rest_turns, rested.feet
     notes += upright_notes
     if feet:
@@ -146,6 +149,16 @@ def _pelvis_frame(skeleton: SkeletonMotion, joints: Mapping[str, int], turns: ND
     if left == right or turn_deg(turns[:, left], turns[:, right]) > _SAME_FRAME_DEG:
         return pelvis
     return left if turn_deg(turns[:, pelvis], turns[:, left]) > _SAME_FRAME_DEG else pelvis
+
+
+def _twisted(skeleton: SkeletonMotion, joints: Mapping[str, int]) -> dict[str, int]:
+    """The last joint of each limb that has several, by the limb: its twist is the limb's."""
+    limbs = {name: ends for name, ends in _LIMBS.items() if not name.endswith("ankle")}
+    return {
+        name: skeleton.parents[joints[end]]
+        for name, (_, end) in limbs.items()
+        if joints[name] in skeleton.above(joints[end])
+    }
 
 
 def is_mirrored(places: Places) -> bool:

@@ -1,7 +1,7 @@
 """A skeleton that moves, as a file has it, and which of its joints are SMPL's.
 
-Names are compared without what all joints of a file begin with, without blanks and signs, and
-with their side in front: `mixamorig:LeftUpLeg`, `J_Bip_L_UpperLeg` and `upleg.L` are `lupleg` or
+Names are compared without what all joints of a file begin or end with, without blanks and signs,
+and with their side in front: `mixamorig:LeftUpLeg`, `J_Bip_L_UpperLeg` and `upleg.L` are `lupleg` or
 `lupperleg`. Pelvis, neck and spine have many names and one place: they are placed between hips,
 shoulders and head.
 """
@@ -26,26 +26,34 @@ from bridge.runs.untrusted import damage_refused, open_regular
 SIDES = ("left", "right")
 OWN_NAMES = SMPL_JOINT_NAMES[:N_JOINTS]
 _OF_A_SIDE = {
-    "hip": ("hip", "upleg", "thigh", "upperleg", "femur", "leg"),
+    "hip": ("hip", "upleg", "thigh", "thighbend", "upperleg", "femur", "leg"),
     "knee": ("knee", "leg", "shin", "lowleg", "lowerleg", "calf", "tibia"),
     "ankle": ("ankle", "foot"),
     "foot": ("toebase", "toe", "toes", "toe0", "ball", "foot"),
-    "shoulder": ("arm", "upperarm", "uparm", "uarm", "humerus", "shoulder", "shldr"),
-    "elbow": ("elbow", "forearm", "lowarm", "lowerarm", "farm", "radius"),
+    "shoulder": ("arm", "upperarm", "uparm", "uarm", "humerus", "shldrbend", "shoulder", "shldr"),
+    "elbow": ("elbow", "forearm", "forearmbend", "lowarm", "lowerarm", "farm", "radius"),
     "wrist": ("wrist", "hand"),
-    "collar": ("collar", "clavicle", "shoulder"),
+    "collar": ("collar", "clavicle", "shoulder", "shoulder1"),
 }
 """How files call a joint, best first; each of theirs is taken once, in this order. What is a foot
 or a shoulder depends on whether there is an ankle or an arm beside it."""
 _OF_THE_MIDDLE = {
     "pelvis": ("pelvis", "hips", "hip"),
-    "neck": ("neck", "neck1", "neck01", "lowerneck"),
+    "neck": ("neck", "neck1", "neck01", "lowerneck", "necklower"),
     "head": ("head",),
+    "spine1": ("abdomenupper",),
 }
+_PART = "jnt|joint|jt|bone|bn|bind|skin|def|drv|env"
+"""In names of rigs: what a joint is for, and not which it is."""
+_SIDE_ENDS = "(?:f|ft|t|gt|ght)?"
 _SPINE = ("spine1", "spine2", "spine3")
 _MAY_LACK = {"collar", "foot", "head", "neck", *_SPINE}
 _SHARED = 0.8
-"""Of a file's joints, those that begin alike."""
+"""Of a file's joints, those that begin or end alike."""
+_SHARED_PARTS = [
+    re.compile(part, re.IGNORECASE)
+    for part in (r"^[^_. -]+[_. -]+", r"[_. -]+[^_. -]+$", rf"^(?:{_PART})", rf"(?:{_PART})$")
+]
 _FRAMES_AT_ONCE = 2048
 _MOST_MAP_BYTES = 1 << 16
 
@@ -91,6 +99,11 @@ class SkeletonMotion:
             moved = np.einsum("txy,ty->tx", turns[:, parent], bone)
             places[:, joint] = places[:, parent] + moved
         return turns, places
+
+    def above(self, joint: int) -> list[int]:
+        """Its parent, and on to the root."""
+        parent = self.parents[joint]
+        return [] if parent < 0 else [parent, *self.above(parent)]
 
     def blocks(self) -> Iterator[tuple[slice, NDArray[np.float64], NDArray[np.float64]]]:
         """All frames in pieces, each with what `posed` gives of it."""
@@ -168,7 +181,7 @@ def read_joint_map(path: Path) -> dict[str, str]:
         )
 
     with damage_refused(refused), open_regular(path, _MOST_MAP_BYTES) as file:
-        lines = file.read().decode().splitlines()
+        lines = file.read().decode("utf-8-sig").splitlines()
         joint_map: dict[str, str] = {}
         for line in lines:
             name, equals, theirs = (part.strip() for part in line.partition("="))
@@ -181,19 +194,28 @@ def read_joint_map(path: Path) -> dict[str, str]:
 
 def plain_names(names: tuple[str, ...]) -> list[str]:
     """Each as small letters and digits, its side in front as one letter."""
-    left = [name.rpartition(":")[2] for name in names]
-    while True:
-        begins = Counter(match[0] for name in left if (match := re.match(r"[^_. -]+[_. -]+", name)))
-        prefix, count = begins.most_common(1)[0] if begins else ("", 0)
-        if count < max(_SHARED * len(left), 2):
-            return [_plain(name) for name in left]
-        left = [name.removeprefix(prefix) for name in left]
+    left, shared = [name.rpartition(":")[2] for name in names], True
+    while shared:
+        shared = False
+        for pattern in _SHARED_PARTS:
+            found = [match[0] if (match := pattern.search(name)) else "" for name in left]
+            part, count = Counter(filter(None, found)).most_common(1)[0] if any(found) else ("", 0)
+            if count >= max(_SHARED * len(left), 2):
+                shared = True
+                left = [
+                    pattern.sub("", name) if its == part else name
+                    for name, its in zip(left, found, strict=True)
+                ]
+    return [_plain(name) for name in left]
 
 
 def _plain(name: str) -> str:
-    name = re.sub(r"^(?:c|center|centre)[_. ]", "", name, flags=re.IGNORECASE)
-    if of_side := re.fullmatch(r"(.+)[._ -](l|r)|(.+?)[._ -]?(left|right)", name, re.IGNORECASE):
-        name = (of_side[2] or of_side[4]) + (of_side[1] or of_side[3])
+    name = re.sub(rf"[_. -]+(?:{_PART})(?=$|[_. -])", "", name, flags=re.IGNORECASE)
+    name = re.sub(r"^(?:c|m|center|centre)[_. ]", "", name, flags=re.IGNORECASE)
+    name = re.sub(rf"^(l|r){_SIDE_ENDS}[_. -]", r"\1", name, flags=re.IGNORECASE)
+    of_side = rf"(.+)[._ -](l|r){_SIDE_ENDS}|(.+?)[._ -]?(left|right)"
+    if match := re.fullmatch(of_side, name, re.IGNORECASE):
+        name = (match[2] or match[4]) + (match[1] or match[3])
     return re.sub(r"^(l|r)(eft|ight)", r"\1", re.sub(r"[^a-z0-9]", "", name.lower()))
 
 
@@ -201,8 +223,7 @@ def _by_place(skeleton: SkeletonMotion, joints: dict[str, int]) -> None:
     """Pelvis and neck where no name says: above both hips, and below the head."""
 
     def line(joint: int) -> list[int]:
-        parent = skeleton.parents[joint]
-        return [joint] if parent < 0 else [*line(parent), joint]
+        return [*reversed(skeleton.above(joint)), joint]
 
     def parting(name: str) -> list[int]:
         """From the root to where the two sides part."""
@@ -222,7 +243,8 @@ def _spine(skeleton: SkeletonMotion, joints: Mapping[str, int]) -> dict[str, int
     """Of the joints between pelvis and neck the lowest, the middle and the highest."""
     joint = skeleton.parents[joints.get("neck", joints.get("head", joints["left_shoulder"]))]
     between: list[int] = []
-    while joint >= 0 and joint != joints["pelvis"]:
+    below = {joints["pelvis"], *skeleton.above(joints["pelvis"])}
+    while joint >= 0 and joint not in below:
         between.insert(0, joint)
         joint = skeleton.parents[joint]
     between = [joint for joint in between if joint not in joints.values()]
