@@ -47,6 +47,8 @@ class HowRead:
     """Its vertical axis."""
     joint_map: Mapping[str, str] = field(default_factory=dict)
     """The file's joints by SMPL's names, where names do not say."""
+    fps: float | None = None
+    """Its frames a second; `load_motion` sets it from its `source_fps`."""
 
 
 AS_IT_SAYS = HowRead()

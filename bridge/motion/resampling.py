@@ -57,6 +57,7 @@ def load_motion(
         one that suits each moment; None: nothing.
     how : what else the user says of the file.
     """
+    how = how if source_fps is None else replace(how, fps=source_fps)
     motion = read_motion_file(Path(path), how)
     if not (np.isfinite(fps) and fps > 0):
         raise DsnetError(f"fps={fps}", "a positive number", "Pass 60, the paper's rate.")

@@ -1,7 +1,8 @@
 """BVH as programs write it, checked, and brought to SMPL's joints (`bridge.motion.retargeting`).
 
 A name is all that stands behind ROOT or JOINT, blanks too. Channels may come in any order and
-number; the count of frames is that of the lines. Of several people the first is read.
+number; the count of frames is that of the lines, unless they are wrapped. Of several people the
+first is read.
 """
 
 from __future__ import annotations
@@ -9,15 +10,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.errors import DsnetError
 from bridge.motion.cuts import frames_of_rest_pose
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, RATES_HZ, HowRead, Motion
 from bridge.motion.retargeting import retargeted
-from bridge.motion.skeletons import SkeletonMotion, unusable
+from bridge.motion.skeletons import SkeletonMotion, joints_by_name, unusable
 from bridge.runs.untrusted import file_refused, open_regular
 
 _MOST_BYTES = 64 << 20
@@ -26,7 +29,7 @@ _LIKE_RADIANS = 2 * np.pi
 """No number that is written for an angle in radians is larger; of degrees somebody's always is."""
 _MOST_JOINTS = 512
 _ROUNDED, _FASTEST = 5e-5, 1e6
-_HEAD = re.compile(r"(frames|frame\s*time)\s*:\s*(\S+)\s*", re.IGNORECASE)
+_HEAD = re.compile(r"(frames|frame\s*time)\s*:\s*(\S.*)", re.IGNORECASE)
 
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
@@ -34,9 +37,10 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     with file_refused(path, unusable, ""):
         with open_regular(path, _MOST_BYTES) as file:
             lines = file.read().decode("utf-8-sig", errors="replace").splitlines()
-        skeleton = _skeleton(path, lines)
+        skeleton = _person(path, _skeletons(path, lines, how), how)
     motion = retargeted(skeleton, how)
-    first = frames_of_rest_pose(motion.pose, motion.fps) if motion.fps > 0 else 0
+    fps = how.fps or motion.fps
+    first = frames_of_rest_pose(motion.pose, fps) if fps > 0 else 0
     return replace(motion.frames(slice(first, None)), rest_pose_frames=first)
 
 
@@ -52,39 +56,72 @@ class _Joint:
     tip: list[float] | None = None
 
 
-def _skeleton(path: Path, lines: list[str]) -> SkeletonMotion:
-    """ValueError if a line is none of a BVH, DsnetError if the motion is none of a person."""
-    begin = next((n for n, line in enumerate(lines) if line.strip().upper() == "MOTION"), -1)
-    if begin < 0:
-        raise ValueError("no line MOTION")
-    joints, width = _hierarchy(lines[:begin])
-    declared, frame_s, rows = _rows(lines[begin + 1 :], width)
-    notes = []
-    if declared != len(rows):
-        notes.append(f"{path} declares {declared:g} frames and holds {len(rows)}: all are read")
-    if len(roots := [n for n, joint in enumerate(joints) if joint.parent < 0]) > 1:
-        others = ", ".join(joints[n].name for n in roots[1:])[:100]
-        notes.append(f"{path} holds {len(roots)} people: the first is read, not that of {others}")
-        joints = joints[: roots[1]]
-    skeleton = _moving(path, joints, np.array(rows))
-    most_deg = np.degrees(np.abs(skeleton.angles_rad[:, 1:]).max(initial=0))
-    if len(rows) > 1 and most_deg < _LIKE_RADIANS:
+def _person(path: Path, skeletons: list[SkeletonMotion], how: HowRead) -> SkeletonMotion:
+    """The first that is a person's; of none the largest, whose refusal says what it lacks."""
+
+    def is_person(one: SkeletonMotion) -> bool:
+        try:
+            return bool(joints_by_name(one, how.joint_map))
+        except DsnetError:
+            return False
+
+    people = [one for one in skeletons if is_person(one)]
+    person = people[0] if people else max(skeletons, key=lambda one: len(one.names))
+    notes = [*person.notes]
+    if others := ", ".join(one.names[0] for one in people[1:])[:100]:
+        notes.append(f"{path} holds {len(people)} people: the first is read, not that of {others}")
+    if props := ", ".join(one.names[0] for one in skeletons if one not in people)[:100]:
+        notes.append(f"{path} also holds {props}, which is no person and left out")
+    most_deg = np.degrees(np.abs(person.angles_rad[:, 1:]).max(initial=0))
+    if len(person.root) > 1 and most_deg < _LIKE_RADIANS:
         notes.append(
             f"{path} turns no joint by more than {most_deg:.2g} degrees: if these are radians, "
             "convert them"
         )
-    skeleton = replace(skeleton, fps=_rate(frame_s), notes=tuple(notes))
-    if not RATES_HZ[0] <= skeleton.fps <= RATES_HZ[1] and not np.isnan(skeleton.fps):
-        remedy = "'Frame Time' is the seconds from one frame to the next."
-        raise unusable(path, f"at {skeleton.fps:.3g} frames a second", remedy)
-    return skeleton
+    return replace(person, notes=tuple(notes))
 
 
-def _rate(frame_s: float) -> float:
-    """Frames a second of seconds with few digits: 120 of 0.0083333."""
-    fps = 1 / frame_s
+def _skeletons(path: Path, lines: list[str], how: HowRead) -> list[SkeletonMotion]:
+    """Of each root what moves below it.
+
+    ValueError if a line is none of a BVH, DsnetError if it has another rate than any motion's.
+    """
+    begin = next((n for n, line in enumerate(lines) if line.strip().upper() == "MOTION"), -1)
+    if begin < 0:
+        raise ValueError("no line MOTION")
+    joints, width = _hierarchy(lines[:begin])
+    declared, frame_time, rows = _rows(lines[begin + 1 :], width)
+    notes, fps = [], _rate(frame_time)
+    if declared != len(rows):
+        notes.append(f"{path} declares {declared:g} frames and holds {len(rows)}: all are read")
+    if frame_time and not RATES_HZ[0] <= fps <= RATES_HZ[1]:
+        flaw = f"with a 'Frame Time' of {frame_time[:40]}"
+        if how.fps is None:
+            seconds = "It is the seconds from one frame to the next."
+            raise unusable(path, flaw, f"{seconds} --motion-fps says how many frames a second.")
+        notes.append(f"{path} is read at {how.fps:g} frames a second, not {flaw}")
+        fps = how.fps
+    roots = [n for n, joint in enumerate(joints) if joint.parent < 0]
+    parts = [
+        [replace(joint, parent=max(joint.parent - first, -1)) for joint in joints[first:last]]
+        for first, last in pairwise([*roots, len(joints)])
+    ]
+    return [replace(_moving(path, part, rows), fps=fps, notes=tuple(notes)) for part in parts]
+
+
+def _rate(frame_time: str) -> float:
+    """Frames a second of seconds with few digits: 120 of 0.0083333; nan of what is no number."""
+    try:
+        fps = 1 / float(frame_time.replace(",", "."))
+    except (ValueError, ZeroDivisionError):
+        return np.nan
     near = round(fps) if 0.5 < fps < _FASTEST else fps
     return float(near) if abs(fps - near) < _ROUNDED * near else fps
+
+
+def _words(line: str) -> list[str]:
+    """Some programs write decimal commas, others commas between numbers."""
+    return line.replace(",", " " if "." in line else ".").split()
 
 
 def _hierarchy(lines: Iterable[str]) -> tuple[list[_Joint], int]:
@@ -93,7 +130,7 @@ def _hierarchy(lines: Iterable[str]) -> tuple[list[_Joint], int]:
     opened: list[int] = []  # joints whose brace is open; -1 of a tip
     is_tip, width = False, 0
     for row in (row for line in lines for row in re.split(r"([{}])", line)):
-        words = row.split()
+        words = _words(row)
         match words[0].upper() if words else "":
             case "ROOT" | "JOINT" as kind:
                 name = row.strip()[len(kind) :].strip()
@@ -128,28 +165,34 @@ def _hierarchy(lines: Iterable[str]) -> tuple[list[_Joint], int]:
     return joints, width
 
 
-def _rows(lines: Iterable[str], width: int) -> tuple[float, float, list[NDArray[np.float64]]]:
-    """How many frames are declared, seconds of one (nan: not stated), and their numbers."""
-    stated = {"frames": np.nan, "frametime": np.nan}
+def _rows(lines: Iterable[str], width: int) -> tuple[float, str, NDArray[np.float64]]:
+    """How many frames are declared (nan: not stated), the time of one, and numbers (T, width).
+
+    A frame may be wrapped onto several lines, if the numbers are those of the frames declared.
+    """
+    stated = {"frames": "nan", "frametime": ""}
     rows: list[NDArray[np.float64]] = []
     for line in lines:
         if head := _HEAD.fullmatch(line.strip()):
-            stated["".join(head[1].lower().split())] = float(head[2])
-        elif words := line.split():
-            if len(words) != width:
-                if any(word.lower() in ("nan", "inf", "-inf") for word in words):
-                    raise ValueError("numbers that are not all finite")
-                raise ValueError(f"{len(words)} numbers in a line of {width} channels")
-            if len(rows) == MOST_FRAMES:
-                raise ValueError(f"more than {MOST_FRAMES} frames: cut it into several files")
+            stated["".join(head[1].lower().split())] = head[2]
+        elif words := _words(line):
             rows.append(np.array(words, np.float64))
     if not rows:
         raise ValueError("no frames")
-    return stated["frames"], stated["frametime"] or np.nan, rows
+    numbers = np.concatenate(rows)
+    if len(numbers) > MOST_FRAMES * max(width, 1):
+        raise ValueError(f"more than {MOST_FRAMES} frames: cut it into several files")
+    other = next((len(row) for row in rows if len(row) != width), None)
+    declared = float(stated["frames"])
+    if other is not None and len(numbers) != declared * width:
+        if not np.isfinite(numbers).all():
+            raise ValueError("numbers that are not all finite")
+        raise ValueError(f"{other} numbers in a line of {width} channels")
+    return declared, stated["frametime"], numbers.reshape(-1, width)
 
 
 def _moving(path: Path, joints: list[_Joint], rows: NDArray[np.float64]) -> SkeletonMotion:
-    """The joints with their numbers, at no rate yet."""
+    """The joints below one root with their numbers, at no rate yet."""
     angles, axes = np.zeros((len(rows), len(joints), 3)), []
     places: dict[int, NDArray[np.float64]] = {}
     for number, joint in enumerate(joints):
