@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.errors import DsnetError
 from bridge.motion import Motion, load_motion
 from bridge.motion.motion import AS_IT_SAYS, HowRead
@@ -26,6 +27,7 @@ from bridge.motion.skeletons import OWN_NAMES
 from tests.forged.foreign_pickles import by_joblib, by_torch
 from tests.forged.walks import (
     FRAMES,
+    HANGING,
     MIXAMO,
     RAISED,
     TOES_DOWN,
@@ -39,12 +41,16 @@ from tests.forged.walks import (
     matrices,
     named,
     person,
+    prop_first,
     root_reordered,
     smpl,
+    trunk_cm,
     turned,
+    twisted,
     two_people,
     undone_hips,
     walk,
+    wrapped,
     y_up,
 )
 
@@ -115,6 +121,10 @@ KINDS = (
          lambda: bvh(frames=along_x(legs=180, arms=90)),
          differs="feet"),
     Kind("toes_down.bvh", "toes down at rest", lambda: bvh(frames=TOES_DOWN), differs="feet"),
+    Kind("trunk.bvh", "the trunk begins 38 degrees behind the hips",
+         lambda: bvh(rest_cm=trunk_cm(-38))),
+    Kind("smpl_a.bvh", "SMPL's names, an A at rest",
+         lambda: bvh(SMPL_JOINT_NAMES, frames=HANGING)),
     Kind("turned.bvh", "rest pose turned by 45 degrees", lambda: bvh(frames=turned(45))),
     Kind("z_world.bvh", "rests with y up, world with z up", lambda: bvh(world=about("x", 90))),
     Kind("upside_down.bvh", "rests with y up, world with -y up",
@@ -138,6 +148,9 @@ KINDS = (
     Kind("soma.bvh", "names of SOMA", lambda: bvh(_SOMA)),
     Kind("acclaim.bvh", "names of Acclaim", lambda: bvh(_ACCLAIM)),
     Kind("rigify.bvh", "names of Rigify", lambda: bvh(_RIGIFY)),
+    Kind("endings.bvh", "endings `_JNT`",
+         lambda: bvh([f"{name}_JNT" for name in _RIGIFY])),
+    Kind("twists.bvh", "names and twist bones of Daz's Genesis 3 and 8", twisted),
     Kind("map.bvh", "other names, and `--joint-map`", lambda: bvh(_NUMBERED),
          how=HowRead(joint_map=dict(zip(OWN_NAMES, _NUMBERED, strict=False)))),
     Kind("numbered.bvh", "other names", lambda: bvh(_NUMBERED)),
@@ -147,6 +160,12 @@ KINDS = (
     Kind("CAPITALS.BVH", "name in capitals", bvh),
     Kind("more.bvh", "one frame more declared", lambda: edited((r"^Frames: 90", "Frames: 91"))),
     Kind("two.bvh", "two people", two_people),
+    Kind("prop.bvh", "a prop before the person", prop_first),
+    Kind("commas.bvh", "decimal commas", lambda: bvh().replace(".", ",")),
+    Kind("wrapped.bvh", "frames wrapped onto several lines", wrapped),
+    Kind("seconds.bvh", "`Frame Time: 60`", lambda: edited((r"^Frame Time.*", "Frame Time: 60"))),
+    Kind("given_seconds.bvh", "the same, and `--motion-fps`",
+         lambda: edited((r"^Frame Time.*", "Frame Time: 60")), 60.0),
     Kind("no_blank.bvh", "`Frame Time:x`", lambda: edited((r"^(Frame.*): ", r"\1:"))),
     Kind("radians.bvh", "angles in radians", in_radians, differs="limbs"),
     Kind("nan.bvh", "numbers that are none", lambda: edited((r"\A(.*\n)+.*\s\S+$", r"\g<0> nan"))),

@@ -53,6 +53,7 @@ def bvh(
     frames: Turns | None = None,
     world: np.ndarray | None = None,
     mirror: bool = False,
+    rest_cm: np.ndarray = REST_CM,
 ) -> str:
     """The walk as a BVH.
 
@@ -61,15 +62,16 @@ def bvh(
     frames : what turns a T's joints into the file's, by joint, others not at all.
     world : (3, 3) what turns y up into the file's world.
     mirror : whether x goes the other way round.
+    rest_cm : (24, 3) places of joints in a T.
     """
     pose, places_m = walk()
     own = {joint: (frames or {}).get(joint, np.eye(3)) for joint in range(24)}
     outer = np.eye(3) if world is None else world
     turns = np.stack([outer @ world_of(pose)[:, n] @ own[n].T for n in range(24)], axis=1)
-    rest = REST_CM.copy()
+    rest = rest_cm.copy()
     for joint, parent in enumerate(SMPL_PARENTS):
         if parent >= 0:
-            rest[joint] = rest[parent] + own[parent] @ (REST_CM[joint] - REST_CM[parent])
+            rest[joint] = rest[parent] + own[parent] @ (rest_cm[joint] - rest_cm[parent])
     root = 100 * places_m @ outer.T
     if mirror:
         sign = np.diag([-1.0, 1.0, 1.0])
@@ -92,6 +94,31 @@ def undone_hips() -> str:
     names = [[*MIXAMO, *extra][n] for n in order]
     moved = [-1 if parents[n] < 0 else order.index(parents[n]) for n in order]
     return text(Skeleton(names, moved, rest[order]), turns[:, order], 100 * places_m)
+
+
+def twisted() -> str:
+    """Limbs of two bones, of which the second twists, as Daz's Genesis 3 and 8 have them."""
+    pose, places_m = walk()
+    world = world_of(pose)
+    names = named(
+        "hip,abdomenUpper,chestLower,chestUpper,neckLower,head",
+        "ThighBend,Shin,Foot,Toe,Collar,ShldrBend,ForearmBend,Hand", "{s}{name}",
+    )  # fmt: skip
+    parents, rest, turns = [*SMPL_PARENTS], [*REST_CM], [*np.moveaxis(world, 1, 0)]
+    limbs = ((1, 4, "ThighTwist"), (16, 18, "ShldrTwist"), (18, 20, "ForearmTwist"))
+    extra = [(one + n, end + n, f"{'lr'[n]}{name}") for one, end, name in limbs for n in (0, 1)]
+    for above, below, name in [(0, 3, "abdomenLower"), (0, 1, "pelvis"), *extra]:
+        parents[below], bone = len(names), REST_CM[below] - REST_CM[above]
+        names.append(name)
+        parents.append(above)
+        rest.append(REST_CM[above] + 0.5 * bone)
+        turns.append(world[:, above])
+        if "Twist" in name:
+            angle_rad = 0.5 * np.sin(np.arange(FRAMES) / 9)[:, None]
+            back = Rotation.from_rotvec(angle_rad * bone / np.linalg.norm(bone)).as_matrix()
+            turns[above] = world[:, above] @ back
+    parents[2] = names.index("pelvis")
+    return text(Skeleton(names, parents, np.array(rest)), np.stack(turns, 1), 100 * places_m)
 
 
 def named(middle: str, limbs: str, style: str) -> list[str]:
@@ -124,6 +151,10 @@ def along_x(*, legs: float = 0, arms: float = 0, forearms: float = 0) -> Turns:
     return {n: about("x", by.get(n, 0)) @ _ALONG_X.get(n, np.eye(3)) for n in range(24)}
 
 
+HANGING: Turns = {
+    **dict.fromkeys((16, 18, 20, 22), about("z", -75)),
+    **dict.fromkeys((17, 19, 21, 23), about("z", 75)),
+}
 RAISED: Turns = {
     **dict.fromkeys((13, 16, 18, 20, 22), about("z", 90)),
     **dict.fromkeys((14, 17, 19, 21, 23), about("z", -90)),
@@ -159,6 +190,29 @@ def two_people() -> str:
     declared, time, *lines = rows.splitlines()
     body = "\n".join(f"{line} {line}" for line in lines)
     return f"{head}{second}MOTION\n{declared}\n{time}\n{body}\n"
+
+
+def prop_first() -> str:
+    """A root that is no person's before the person's."""
+    prop = """HIERARCHY\nROOT Prop\n{\nOFFSET 0 0 0
+CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+End Site\n{\nOFFSET 0 9 0\n}\n}\n"""
+    head, time, rows = bvh().partition("Frame Time: 0.016666667\n")
+    body = "".join(f"12 80 3 0 0 0 {row}\n" for row in rows.splitlines())
+    return f"{head.replace('HIERARCHY' + chr(10), prop)}{time}{body}"
+
+
+def wrapped() -> str:
+    """Twelve numbers a line."""
+    head, time, rows = bvh().partition("Frame Time: 0.016666667\n")
+    return head + time + re.sub(r"((?:\S+ ){12})", r"\1\n", rows)
+
+
+def trunk_cm(degrees: float) -> np.ndarray:
+    """(24, 3) rest in a T whose lowest trunk joint lies so far ahead of the hips' vertical."""
+    rest, hips = REST_CM.copy(), REST_CM[[1, 2]].mean(axis=0)
+    rest[3] = hips + np.array([0.0, 8.0, 8.0 * np.tan(np.radians(degrees))])
+    return rest
 
 
 def flipped(name: str) -> str:

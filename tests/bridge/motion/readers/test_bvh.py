@@ -14,7 +14,7 @@ from bridge.motion import load_motion, unpack_theta
 from bridge.motion.skeletons import plain_names
 from tests.forged.bvh import Skeleton, text, world_of
 from tests.forged.lively import lively
-from tests.forged.walks import MIXAMO, named
+from tests.forged.walks import MIXAMO, about, named
 
 FRAMES = 12
 REST_M = shaped_joints(load_body_model("embedded:female"), np.zeros((1, 10)))[0]
@@ -97,12 +97,9 @@ def test_arms_that_hang_at_rest_hang_in_smpl(tmp_path, down_deg):
     skeleton = Skeleton(MIXAMO, SMPL_PARENTS, a_pose(down_deg))
     path = write(tmp_path / "stand.bvh", skeleton, still, np.zeros((FRAMES, 3)))
     turned = world_of(unpack_theta(load_motion(path).theta)[0])
-    for joint, end in LIMBS:
-        rest = a_pose(down_deg)
-        file_bone, bone = rest[end] - rest[joint], REST_M[end] - REST_M[joint]
-        shortest = Rotation.align_vectors([file_bone], [bone])[0]
-        np.testing.assert_allclose(turned[0, joint], shortest.as_matrix(), atol=1e-6)
-        assert abs(np.degrees(shortest.magnitude()) - down_deg * (joint >= 16)) < 0.01
+    for joint, _ in LIMBS:
+        down = (down_deg if joint % 2 else -down_deg) * (joint >= 16)
+        np.testing.assert_allclose(turned[0, joint], about("z", down), atol=1e-6)
     np.testing.assert_allclose(turned[:, 20:22], turned[:, 18:20], atol=1e-6)  # hands
     trunk = [0, 3, 6, 9, 12, 13, 14, 15, 7, 8, 10, 11]
     np.testing.assert_allclose(turned[:, trunk], still[:, trunk], atol=1e-6)
@@ -165,7 +162,11 @@ def test_the_files_rate_is_resampled(tmp_path):
     [("mixamorig:LeftUpLeg", "mixamorig:Hips", "lupleg"), ("m_avg_L_Hip", "m_avg_Pelvis", "lhip"),
      ("upper_arm.R", "hand.L", "rupperarm"), ("Bip01 R Thigh", "Bip01 Spine", "rthigh"),
      ("right_ankle", "left_knee", "rankle"), ("LowerBack", "LHipJoint", "lowerback"),
-     ("J_Bip_C_Hips", "J_Bip_L_Hand", "hips"), ("ShoulderLeft", "SpineMid", "lshoulder")],
+     ("J_Bip_C_Hips", "J_Bip_L_Hand", "hips"), ("ShoulderLeft", "SpineMid", "lshoulder"),
+     ("l_upleg_JNT", "spine_JNT", "lupleg"), ("left_toes_joint", "hips_joint", "ltoes"),
+     ("hip_jnt_L", "root", "lhip"), ("lf_knee_bind", "spine_bind", "lknee"),
+     ("LeftHandJoint", "SpineJoint", "lhand"), ("LHipJoint", "LeftUpLeg", "lhipjoint"),
+     ("thigh_l_v2", "spine_v2", "lthigh")],
 )  # fmt: skip
 def test_names_of_many_programs_are_one(name, other, plain):
     assert plain_names((name, other))[0] == plain
@@ -189,6 +190,7 @@ def test_what_cannot_be_followed_is_one_line(tmp_path):
     assert "not all finite" in refused(tmp_path, whole.replace(whole.split()[-1], "nan"))
     assert "e+03 m off" in refused(tmp_path, text(SMPL, world_of(pose), 1.2e3 + places_m))
     assert "frames a second" in refused(tmp_path, whole.replace("Time: 0.0166", "Time: 16.6"))
+    assert "of 75 channels" in refused(tmp_path, whole.rstrip().rpartition(" ")[0])
     six = whole.replace("CHANNELS 3 ", "CHANNELS 6 Xposition Yposition Zposition ")
     assert "75 numbers in a line of 144 channels" in refused(tmp_path, six)
     four = whole.replace("CHANNELS 3 Z", "CHANNELS 4 Zrotation Z")
@@ -196,6 +198,38 @@ def test_what_cannot_be_followed_is_one_line(tmp_path):
     assert "does not load" in refused(tmp_path, "")
     with pytest.raises(DsnetError, match="does not exist"):
         load_motion(tmp_path / "none.bvh")
+
+
+def test_numbers_of_many_programs_are_one(tmp_path):
+    """Decimal commas, commas between numbers, and all frames in one line."""
+    pose, places_m = pose_and_places()
+    whole = text(SMPL, world_of(pose), places_m)
+    theta = load_motion(write(tmp_path / "walk.bvh", SMPL, world_of(pose), places_m)).theta
+    head, time, rows = whole.partition("Frame Time: 0.016666667\n")
+    one_line = " ".join(rows.split())
+    for odd in (whole.replace(".", ","), head + time + rows.replace(" ", ", "),
+                head + time + one_line):  # fmt: skip
+        (tmp_path / "odd.bvh").write_text(odd)
+        np.testing.assert_array_equal(load_motion(tmp_path / "odd.bvh").theta, theta)
+    other = head.replace("Frames: 12", "Frames: 13") + time + one_line
+    assert "900 numbers in a line of 75 channels" in refused(tmp_path, other)
+
+
+@pytest.mark.parametrize("down_deg", [30.0, 75.0])
+def test_smpls_names_do_not_say_that_it_rests_as_smpl_does(tmp_path, down_deg):
+    pose, places_m = pose_and_places()
+    ours, theirs = (
+        load_motion(
+            write(
+                tmp_path / "walk.bvh",
+                Skeleton(names, SMPL_PARENTS, a_pose(down_deg)),
+                world_of(pose),
+                places_m,
+            )
+        ).theta
+        for names in (SMPL_JOINT_NAMES, MIXAMO)
+    )
+    np.testing.assert_array_equal(ours, theirs)
 
 
 def _wider(whole: str) -> str:

@@ -28,7 +28,29 @@ from tests.forged.motion_kinds import (
     outcome,
     table,
 )
-from tests.forged.walks import FRAMES, along_x, bvh, joints_m, smpl, walk, y_up
+from tests.forged.walks import (
+    FRAMES,
+    HANGING,
+    REST_CM,
+    Turns,
+    about,
+    along_x,
+    bvh,
+    edited,
+    joints_m,
+    prop_first,
+    smpl,
+    trunk_cm,
+    turned,
+    walk,
+    y_up,
+)
+
+
+def _whole(turn: np.ndarray, frames: Turns | None = None) -> Turns:
+    """A rest pose turned as a whole."""
+    return {joint: turn @ (frames or {}).get(joint, np.eye(3)) for joint in range(24)}
+
 
 CASES = Path(os.environ.get("DSNET_TEST_CASES", "nowhere"))
 
@@ -37,6 +59,67 @@ CASES = Path(os.environ.get("DSNET_TEST_CASES", "nowhere"))
 def test_a_kind_is_read_as_the_reference_or_told_or_refused(kind: Kind, tmp_path: Path) -> None:
     came, right = outcome(kind, tmp_path)
     assert right, came
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["trunk.bvh", "smpl_a.bvh", "endings.bvh", "twists.bvh", "prop.bvh", "commas.bvh",
+     "wrapped.bvh", "given_seconds.bvh"],
+)  # fmt: skip
+def test_a_kind_is_read_and_not_refused(name: str, tmp_path: Path) -> None:
+    kind = next(kind for kind in KINDS if kind.file == name)
+    assert outcome(kind, tmp_path)[0].startswith("as the reference")
+
+
+_SEATED = {1: about("x", -90), 2: about("x", -90)}
+
+
+@pytest.mark.parametrize("degrees", [-60, 38])
+@pytest.mark.parametrize(
+    "frames",
+    [{}, HANGING, _SEATED, turned(30), turned(9), _whole(about("x", -90)),
+     _whole(about("y", 30) @ about("x", -90)), _whole(about("x", 20)), _whole(about("z", 45)),
+     _whole(about("y", 30), _SEATED)],
+    ids=["T", "A", "seated", "turned", "little", "lies", "lies_turned", "leans", "aslant", "sits"],
+)  # fmt: skip
+def test_a_trunk_ahead_or_behind_turns_nothing(
+    frames: Turns, degrees: float, tmp_path: Path
+) -> None:
+    """Whatever the rest pose: legs and trunk say where up is."""
+    content = bvh(frames=frames, rest_cm=trunk_cm(degrees))
+    motion = Kind("walk.bvh", "", lambda: content).read(tmp_path)[0]
+    turn_deg, place_m = apart(motion, KINDS[0].read(tmp_path)[0])
+    assert (turn_deg < MOST_DEG, place_m < MOST_M) == (True, True), (turn_deg, place_m)
+
+
+@pytest.mark.parametrize(
+    ("joints", "ahead_cm"),
+    [((12,), -16), ((12,), 20), ((12, 15), 15), ((15,), 20), ((9,), -15), ((6,), 12), ((3, 6), 14)],
+)
+def test_single_joints_ahead_or_behind_turn_nothing(
+    joints: tuple[int, ...], ahead_cm: float, tmp_path: Path
+) -> None:
+    rest = REST_CM.copy()
+    rest[list(joints), 2] += ahead_cm
+    motion = Kind("walk.bvh", "", lambda: bvh(rest_cm=rest)).read(tmp_path)[0]
+    assert apart(motion, KINDS[0].read(tmp_path)[0])[0] < MOST_DEG
+
+
+@pytest.mark.parametrize("frame_time", ["0", "1/60", "16.7", "-0.0167"])
+def test_a_frame_time_of_no_motion_is_named_or_replaced(frame_time: str, tmp_path: Path) -> None:
+    content = edited((r"^Frame Time.*", f"Frame Time: {frame_time}"))
+    with pytest.raises(DsnetError, match=f"'Frame Time' of {frame_time}.*--motion-fps"):
+        Kind("walk.bvh", "", lambda: content).read(tmp_path)
+    motion, said = Kind("walk.bvh", "", lambda: content, 60.0).read(tmp_path)
+    assert apart(motion, KINDS[0].read(tmp_path)[0]) == (0, 0)
+    assert any(f"'Frame Time' of {frame_time}" in line for line in said)
+
+
+def test_a_prop_is_told_and_the_largest_skeleton_says_what_is_lacking(tmp_path: Path) -> None:
+    said = Kind("walk.bvh", "", prop_first).read(tmp_path)[1]
+    assert any("also holds Prop, " in line for line in said)
+    with pytest.raises(DsnetError, match=r"has no left_elbow .it has Hips"):
+        Kind("walk.bvh", "", lambda: prop_first().replace("LeftForeArm", "Left")).read(tmp_path)
 
 
 def test_the_pages_table_is_what_comes_of_them(tmp_path: Path) -> None:
@@ -91,8 +174,9 @@ def test_places_alone_give_limbs_their_directions(tmp_path: Path) -> None:
 
 def test_a_map_of_joints_is_lines(tmp_path: Path) -> None:
     path = tmp_path / "map.txt"
-    path.write_text("# ours\nleft_hip = Bip01 L Thigh\n\nhead=Kopf\n")
-    assert read_joint_map(path) == {"left_hip": "Bip01 L Thigh", "head": "Kopf"}
+    for begin in ("# ours\n", "", "\ufeff"):
+        path.write_text(f"{begin}left_hip = Bip01 L Thigh\n\nhead=Kopf\n", encoding="utf-8")
+        assert read_joint_map(path) == {"left_hip": "Bip01 L Thigh", "head": "Kopf"}
     for text in ("left_hip\n", "a = b\na = c\n", "\xff"):
         path.write_bytes(text.encode("latin-1"))
         with pytest.raises(DsnetError, match="--joint-map") as caught:
