@@ -32,6 +32,7 @@ _PLAIN = ("INT", "BININT", "LONG", "FLOAT", "BINFLOAT", "STRING", "BINSTRING", "
 """How opcodes of numbers and text begin."""
 _SPARSE = re.compile(r"(csc|csr|coo)_(?:matrix|array)")
 STORAGES = {"Half": "f2", "Float": "f4", "Double": "f8", "Int": "i4", "Long": "i8"}
+_TENSOR_AS_BYTES = "torch.storage", "_load_from_bytes"
 _GLOBALS = {
     ("numpy", "ndarray"): "array",
     ("numpy", "dtype"): "dtype",
@@ -194,6 +195,8 @@ def _global_named(module: Any, name: Any) -> Global:
         return Global("chumpy")
     if module.startswith("scipy.sparse") and (sparse := _SPARSE.fullmatch(name)):
         return Global(sparse[1])
+    if (module, name) == _TENSOR_AS_BYTES:
+        raise UnpicklingError("it holds tensors of PyTorch, pickled without torch.save")
     if (module, name) not in _GLOBALS:
         raise UnpicklingError(f"it asks to run {module}.{name}")
     return Global(_GLOBALS[module, name])

@@ -6,6 +6,7 @@ What is another model, a motion, or no person in metres, is refused by name.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -27,7 +28,7 @@ from bridge.body.model_data import (
     BodyModelData,
     Texture,
 )
-from bridge.body.pickled_arrays import MOST_BYTES, as_array
+from bridge.body.pickled_arrays import MOST_BYTES, Record, as_array
 from bridge.errors import DsnetError
 from bridge.runs.untrusted import DAMAGE, damage_refused, text_of
 
@@ -53,6 +54,8 @@ _FIELDS = {
     "hands_meanr": _Field(("hands_meanr", "right_hand_mean"), "H", needed=False),
     SHAPES_FIELD: _Field((SHAPES_FIELD,), "", needed=False),
 }
+_OF_EXPRESSIONS = re.compile(r"expr|exp_?dirs|face\w*dirs", re.IGNORECASE)
+"""What names of other fields have in them that are a model's expressions, if their sizes fit."""
 _WANTED = {name: MOST_BYTES for field in _FIELDS.values() for name in field.names}
 _WANTED |= {SOURCE_FIELD: 1 << 12, GENDER_FIELD: 1 << 12} | dict.fromkeys(TEXTURE, MOST_BYTES)
 _BY_FIELD: dict[str, tuple[str, str]] = {
@@ -77,7 +80,8 @@ _BY_JOINTS = {
 }  # fmt: skip
 _BY_POSEDIRS = {93: "STAR's, which poses otherwise"}
 _LAYOUTS = {20: 10, 400: 300}
-"""Of SMPL-X's columns, shapes before expressions; other counts in between are ambiguous."""
+"""Of the owners' SMPL-X files, which do not say it: shapes before expressions, in one array; other
+counts are ambiguous."""
 _SURELY_SHAPES = 10
 
 
@@ -93,6 +97,8 @@ def load_smpl_file(path: str | Path) -> BodyModelData:
     safely = partial(damage_refused, partial(_unreadable, path), RecursionError, SafetensorError)
     with safely():
         fields = _by_smpl_names(read_fields(path, _WANTED))
+        if "v_template" in fields and "expr_dirs" not in fields:
+            fields |= _expressions_of_other_names(path, fields)
     _check_what_it_is(path, fields)
     with safely():
         arrays = {name: _numbers(name, fields[name]) for name in _FIELDS if name in fields}
@@ -112,6 +118,18 @@ def _by_smpl_names(fields: Mapping[str, Any]) -> dict[str, Any]:
             if smpl_name not in named and name in named:
                 named[smpl_name] = named[name]
     return named
+
+
+def _expressions_of_other_names(path: Path, fields: Mapping[str, Any]) -> dict[str, Any]:
+    size = as_array(fields["v_template"]).size
+    for name in filter(_OF_EXPRESSIONS.search, fields):
+        value = fields[name]
+        if value is None:  # of an .npz, of which only what is wanted is read
+            value = read_fields(path, {name: MOST_BYTES})[name]
+        array = as_array(value) if isinstance(value, (np.ndarray, Record)) else np.empty(0)
+        if array.size and array.size % size == 0 and array.dtype.kind == "f":
+            return {"expr_dirs": array}
+    return {}
 
 
 def _check_what_it_is(path: Path, fields: Mapping[str, Any]) -> None:
@@ -235,7 +253,12 @@ def _shapes_of(
     columns = arrays["shapedirs"].shape[2]
     if SHAPES_FIELD in arrays and arrays[SHAPES_FIELD].size == 1:
         return min(max(int(arrays[SHAPES_FIELD].item()), 1), columns), ()
-    if KIND_OF_JOINTS[joints] != "smplx" or "expr_dirs" in arrays or columns <= _SURELY_SHAPES:
+    if "expr_dirs" in arrays:
+        expressions = arrays["expr_dirs"]
+        shapes = columns - expressions.shape[2]
+        is_twice = shapes > 0 and np.array_equal(arrays["shapedirs"][:, :, shapes:], expressions)
+        return shapes if is_twice else columns, ()
+    if KIND_OF_JOINTS[joints] != "smplx" or columns <= _SURELY_SHAPES:
         return columns, ()
     if columns in _LAYOUTS:
         return _LAYOUTS[columns], ()

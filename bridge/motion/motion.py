@@ -49,6 +49,8 @@ class HowRead:
     """The file's joints by SMPL's names, where names do not say."""
     fps: float | None = None
     """Its frames a second; `load_motion` sets it from its `source_fps`."""
+    person: int | None = None
+    """Whose motion of several people's: 1 is the first."""
 
 
 AS_IT_SAYS = HowRead()
@@ -105,6 +107,11 @@ class Motion:
     """Whether the file says that its betas are an embedded body's, as those of this project do."""
     notes: tuple[str, ...] = ()
     """Notes about the file, a line each."""
+    world_turn: NDArray[np.float64] | None = None
+    """(3, 3) what has turned the file's world upright, where that was neither y nor z up."""
+    frame_numbers: NDArray[np.intp] | None = None
+    """(T,) which frame of the recording each is, growing, where some are missing; `load_motion`
+    fills them in."""
     markers: MarkerFile | None = None
     """Those that the pose was fitted to, of the whole file, where there are any."""
     cuts: tuple[int, ...] = ()
@@ -154,6 +161,7 @@ class Motion:
     def frames(self, chosen: slice | NDArray[np.intp]) -> Motion:
         """Some of its frames, in order of time."""
         rest, dmpls, theta = self.hands_and_face, self.dmpls, self.theta[chosen]
+        numbers = self.frame_numbers
         begins = np.searchsorted(np.arange(len(self.theta))[chosen], self.cuts)
         return replace(
             self,
@@ -162,6 +170,7 @@ class Motion:
             cuts_of=theta,
             hands_and_face=None if rest is None else rest[chosen],
             dmpls=None if dmpls is None else dmpls[chosen],
+            frame_numbers=None if numbers is None else numbers[chosen],
         )
 
     @property
@@ -182,8 +191,10 @@ class Motion:
         that was read without J0 lacks the constant R J0 - J0; one that says where the root joint
         is, the constant -J0.
         """
+        joint = np.asarray(root_joint_m, dtype=np.float64)
+        if self.world_turn is not None:
+            return self.moved(self.trans_m + self.world_turn @ joint - joint)
         if self.up == self.trans_of:
             return self
-        joint = np.asarray(root_joint_m, dtype=np.float64)
         shift = (Y_UP_FROM_Z_UP.apply(joint) if self.trans_of == "z" else 0) - joint
         return self.moved(self.trans_m + shift)

@@ -1,6 +1,6 @@
 """Frames of a file that are the recording's fault, drawn anew from those around them, and told of.
 
-A tracker that loses somebody repeats its last pose. A solver turns a joint the other way round, or
+A tracker that loses somebody repeats its last pose, or leaves the frames out. A solver turns a joint the other way round, or
 puts the root elsewhere, and some frames later has it back: taken for motion that is a blow to all
 tissue, and taken for a cut its beginning anew.
 """
@@ -8,18 +8,22 @@ tissue, and taken for a cut its beginning anew.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from bridge.errors import DsnetError
 from bridge.motion.cuts import repeated_frames
 from bridge.motion.interpolation import curved, values_on_lines
-from bridge.motion.motion import Motion
+from bridge.motion.motion import MOST_FRAMES, Motion
 from bridge.motion.speeds import WHAT_MOVES, excess_speeds
 from bridge.motion.theta import pack_theta, unpack_theta
 from bridge.paper import N_JOINTS
 
+_LONGEST_GAP_S = 0.5
+"""What is drawn through longer ones is nobody's motion."""
 _LONGEST_SPIKE_S, _LONGEST_SPIKE = 0.1, 4
 """A spike has at most as many frames, or so many where frames are far apart."""
 _MOST_SPIKED = 0.05
@@ -45,6 +49,56 @@ def without_repeats(motion: Motion) -> Motion:
     )
     dmpls = None if motion.dmpls is None else line[:, 3:]
     return motion.posed(pose, line[:, :3], dmpls=dmpls, notes=(*motion.notes, note))
+
+
+def without_gaps(motion: Motion) -> Motion:
+    """The motion with the frames that its `frame_numbers` leave out interpolated, so that it takes
+    the time that it took, and a note of it. Of one with longer gaps, or with a cut in one, the
+    longest piece between them."""
+    if (given := motion.frame_numbers) is None:
+        return motion
+    if given[-1] - given[0] >= MOST_FRAMES:
+        raise DsnetError(
+            f"{motion.source}, whose frames are numbered {given[0]} to {given[-1]}",
+            f"at most {MOST_FRAMES}, some of which may be missing",
+            "Correct their numbers, or cut it into several files.",
+        )
+    missing, cuts = np.diff(given) - 1, np.array(motion.cuts, np.intp)
+    ends = missing > _LONGEST_GAP_S * motion.fps
+    ends[cuts - 1] |= missing[cuts - 1] > 0
+    pieces = pairwise([0, *(np.flatnonzero(ends) + 1).tolist(), len(given)])
+    first, last = max(pieces, key=lambda piece: given[piece[1] - 1] - given[piece[0]])
+    kept, numbers = motion.frames(slice(first, last)), given[first:last]
+    pose, line, drawn = kept.all_joints, values_on_lines(kept), []
+    for piece in kept.pieces:
+        own = numbers[piece]
+        all_of_them = np.arange(own[0], own[-1] + 1)
+        values = pose[piece], line[piece]
+        is_whole = len(own) == len(all_of_them)
+        drawn.append(values if is_whole else curved(*values, own, all_of_them))
+    begins = np.cumsum([len(part) for part, _ in drawn])[:-1]
+    pose, line = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
+    how = ["they are interpolated"] if len(pose) > len(numbers) else []
+    if ends.any():
+        span = f"{numbers[0]} to {numbers[-1]}"
+        how = [f"frames {span} alone, the longest piece between long gaps, are read", *how]
+    dmpls = None if motion.dmpls is None else line[:, 3:]
+    return kept.posed(
+        pose,
+        line[:, :3],
+        dmpls=dmpls,
+        cuts=tuple(begins.tolist()),
+        frame_numbers=None,
+        notes=(*motion.notes, f"{motion.source} has no frames {_missing(given)}: {', '.join(how)}"),
+    )
+
+
+def _missing(numbers: NDArray[np.intp]) -> str:
+    """Numbers between growing ones, in words."""
+    gaps = [(one + 1, two - 1) for one, two in pairwise(numbers.tolist()) if two > one + 1]
+    words = [str(one) if one == last else f"{one} to {last}" for one, last in gaps]
+    more = sum(last - one + 1 for one, last in gaps[_LISTED:])
+    return ", ".join(words[:_LISTED]) + (f" and {more} more" if more else "")
 
 
 def without_spikes(motion: Motion) -> Motion:

@@ -28,7 +28,7 @@ from bridge.motion.motion import (
     SmoothHz,
 )
 from bridge.motion.readers import read_motion_file
-from bridge.motion.repairs import without_repeats, without_spikes
+from bridge.motion.repairs import without_gaps, without_repeats, without_spikes
 from bridge.motion.smoothing import continuous_rotations, smoothed
 from bridge.paper import FPS
 
@@ -76,7 +76,7 @@ def load_motion(
             "how many frames a second it has",
             "Pass --motion-fps N (--amass-fps N of a folder, source_fps=N in Python).",
         )
-    motion = without_spikes(without_repeats(motion))
+    motion = without_spikes(without_repeats(without_gaps(motion)))
     if smooth_hz is not None:
         motion = smoothed(motion, smooth_hz)
     count = len(motion.theta)

@@ -125,6 +125,15 @@ def open_regular(path: Path | str, most_bytes: float = math.inf) -> UntrustedFil
     return stream
 
 
+def inflated(file: IO[bytes], most_bytes: int) -> io.BytesIO:
+    """What zlib or gzip made smaller, of at most so many bytes."""
+    unpacking = zlib.decompressobj(wbits=32 + zlib.MAX_WBITS)
+    whole = unpacking.decompress(file.read(), most_bytes)
+    if not unpacking.eof:
+        raise ValueError(f"compressed data that end early, or of more than {most_bytes} bytes")
+    return io.BytesIO(whole)
+
+
 def read_json(path: Path) -> Any:
     """The value in a JSON file; OSError or ValueError where there is none."""
     with open_regular(path, MOST_JSON_BYTES) as stream:

@@ -9,6 +9,7 @@ import contextlib
 import io
 import pickle
 import tempfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -34,12 +35,14 @@ from tests.forged.walks import (
     about,
     along_x,
     bvh,
+    by_frames,
     edited,
     flipped,
     in_radians,
     joints_m,
     matrices,
     named,
+    of_camera,
     person,
     prop_first,
     root_reordered,
@@ -112,6 +115,8 @@ _ACCLAIM = named("root,lowerback,upperback,thorax,lowerneck,head",
                  "femur,tibia,foot,toes,clavicle,humerus,radius,wrist", "{s}{name}")  # fmt: skip
 _RIGIFY = named("hips,spine,chest,upper_chest,neck,head",
                 "thigh,shin,foot,toe,shoulder,upper_arm,forearm,hand", "{name}.{S}")  # fmt: skip
+_BODY = {"global_orient": y_up()[:, :3], "body_pose": y_up()[:, 3:66], "transl": walk()[1]}
+_FRAME = {"3d_joints": [], "camera": [], "smpl": [{"global_orient": np.eye(3)[None]}]}
 _NUMBERED = [f"bone{number}" for number in range(24)]
 
 KINDS = (
@@ -185,6 +190,22 @@ KINDS = (
     Kind("people.npz", "`pose_body` (people, T, 63), as SLAHMR's",
          lambda: {"root_orient": np.stack([y_up()[:, :3]] * 2), "trans": np.stack([walk()[1]] * 2),
                   "pose_body": np.stack([y_up()[:, 3:66]] * 2), "betas": np.zeros((2, 16))}, 60.0),
+    Kind("pitched.npz", "a camera's world with its floor (SLAHMR)", lambda: of_camera(40), 60.0),
+    Kind("no_floor.npz", "a camera's world without its floor",
+         lambda: of_camera(-30, floor=False), 60.0, differs="roots by some degrees"),
+    Kind("hy_motion.npz", "`Rh`, a copy of the root's turn (HY-Motion)",
+         lambda: smpl(poses=y_up(156), trans=walk()[1], Rh=y_up()[:, :3])),
+    Kind("zero_rate.npz", "a rate of 0", lambda: smpl(mocap_framerate=0.0)),
+    Kind("zero_and_given.npz", "a rate of 0, and `--motion-fps`",
+         lambda: smpl(mocap_framerate=0.0), 60.0),
+    Kind("grab.npz", "a dictionary in a field (GRAB)",
+         lambda: {"framerate": 60.0, "gender": "female", "contact": np.array({"object": 1}, object),
+                  "body": np.array({"vtemp": "s1.ply", "params": _BODY | {
+                      "fullpose": y_up(165)}}, object)}),
+    Kind("omomo.npz", "`local_rot_aa`, `root_trans` (OMOMO)",
+         lambda: {"local_rot_aa": y_up(66).reshape(-1, 22, 3), "root_trans": walk()[1]}, 60.0),
+    Kind("prefixed.npz", "`smplh:body_pose` (Seamless Interaction)",
+         lambda: {f"smplh:{name}": value for name, value in _BODY.items()}, 60.0),
     Kind("batch.npz", "(1, T, 72)", lambda: smpl(poses=smpl()["poses"][None, :, :72])),
     Kind("no_rate.npz", "no rate", lambda: smpl(mocap_framerate=None)),
     Kind("given_rate.npz", "no rate, and `--motion-fps`", lambda: smpl(mocap_framerate=None), 60.0),
@@ -215,6 +236,27 @@ KINDS = (
     Kind("wham_joblib.pkl", "WHAM by joblib, two people",
          lambda: by_joblib({0: person(pose=y_up()[:9]), 7: person(pose_world=y_up(),
                             trans_world=walk()[1], pose=y_up() * 0)}), 60.0),
+    Kind("unseen.pkl", "WHAM, 20 frames never seen", lambda: pickle.dumps(by_frames(
+        np.setdiff1d(np.arange(FRAMES), np.arange(2, 82, 4)))), 60.0),
+    Kind("long_gap.pkl", "WHAM, 40 frames never seen", lambda: pickle.dumps(by_frames(
+        np.r_[:40, 80:90])), 60.0, differs="lengths"),
+    Kind("prompthmr.pkl", "PromptHMR, two people",
+         lambda: pickle.dumps({"camera": {"pred_cam_R": np.eye(3)}, "people": {
+             4: {"smplx_world": {"pose": y_up(165)[:9], "trans": walk()[1][:9]}},
+             7: {"frames": np.arange(FRAMES), "smplx_cam": {"pose": 0 * y_up(165)},
+                 "smplx_world": {"pose": y_up(165), "shape": np.zeros(10), "trans": walk()[1]}},
+         }}), 60.0),
+    Kind("person.pkl", "the second of two people, and `--person`",
+         lambda: pickle.dumps({"fps": 60.0, "a": person(pose=0 * y_up()), "b": person()}),
+         how=HowRead(person=2)),
+    Kind("phc.pkl", "PHC, compressed by joblib",
+         lambda: zlib.compress(by_joblib({"0-walk": {
+             "pose_aa": smpl()["poses"][:, :72], "trans_orig": smpl()["trans"],
+             "beta": np.zeros(16), "gender": "neutral", "fps": 60}}))),
+    Kind("phalp.pkl", "PHALP, by frame and compressed",
+         lambda: zlib.compress(by_joblib({"0.jpg": _FRAME, "1.jpg": _FRAME}))),
+    Kind("tram.npy", "TRAM",
+         lambda: np.array({"pred_rotmat": matrices(y_up().reshape(-1, 24, 3))}, object)),
     Kind("gvhmr.pt", "GVHMR, a torch file",
          lambda: by_torch({"smpl_params_global": {
              "global_orient": y_up()[:, :3], "body_pose": y_up()[:, 3:66], "transl": walk()[1],
@@ -247,7 +289,7 @@ def outcome(kind: Kind, folder: Path) -> tuple[str, bool]:
     except DsnetError as error:
         return f"refused: {error.received.partition(', ')[2].replace('|', '/')}", True
     turn_deg, place_m = apart(motion, reference(folder, kind))
-    notes = "; ".join(line.replace(str(folder / kind.file), "").lstrip(": ") for line in said)
+    notes = "; ".join(line.replace(str(folder / kind.file), "").lstrip(":, ") for line in said)
     if turn_deg < MOST_DEG and place_m < MOST_M:
         return "as the reference" + (f"; told: {notes}" if notes else ""), not kind.differs
     return f"{kind.differs} differ; told: {notes}", bool(kind.differs and notes)

@@ -273,3 +273,27 @@ def person(**changes: Any) -> dict[str, Any]:
     found = {"pose": y_up(), "trans": walk()[1], "betas": np.zeros((FRAMES, 10)),
              "frame_ids": np.arange(FRAMES)}  # fmt: skip
     return found | changes
+
+
+def of_camera(
+    pitch_deg: float, *, floor: bool = True, steps: slice = slice(None)
+) -> dict[str, Any]:
+    """SLAHMR's arrays of two people, the second a metre beside the first, in the world of a camera
+    that looks up by so many degrees: y down."""
+    turn = about("x", 180 - pitch_deg)
+    root = Rotation.from_matrix(turn @ matrices(walk()[0][:, 0])).as_rotvec()[steps]
+    beside = np.array([[[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]]])
+    found = {
+        "root_orient": np.stack([root, root]),
+        "pose_body": np.stack([y_up()[steps, 3:66]] * 2),
+        "trans": (walk()[1][steps] + beside) @ turn.T,
+        "betas": np.zeros((2, 16)),
+        "cam_R": np.stack([np.broadcast_to(np.eye(3), (len(root), 3, 3))] * 2),
+        "track_mask": np.ones((2, len(root)), bool),
+    }
+    return found | ({"floor_plane": 0.9 * turn[None, :, 1]} if floor else {})
+
+
+def by_frames(numbers: np.ndarray) -> dict[Any, Any]:
+    """WHAM's of a tracker that saw a person in these frames alone."""
+    return {0: {name: value[numbers] for name, value in person().items()}}

@@ -80,6 +80,9 @@ def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
         raise DsnetError(
             f"--joint-map with {path}", "it with a BVH, whose joints have names", "Leave it out."
         )
+    if how.person not in (None, 1) and name == "bvh":
+        flaw = f"--person {how.person} with {path}, a BVH, of which the first person is read"
+        raise DsnetError(flaw, "it with a file of SMPL's arrays", "Leave it out.")
     if name is not None:
         return READERS[name].read(path, how)
     # Of a name that is too long pathlib's raises.

@@ -9,17 +9,21 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from bridge.body.containers import npz_fields
 from bridge.errors import DsnetError, did_you_mean
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
+from bridge.motion.readers import pickles
 from bridge.motion.readers.joint_rotations import unusable
 from bridge.motion.readers.markers import markers_beside_poses
 from bridge.motion.readers.smpl_arrays import is_of_embedded, motion_of
 from bridge.motion.readers.smpl_fields import (
+    BESIDE_KEYS,
     BETAS_KEYS,
     BODY_KEYS,
     MOST_BYTES,
+    NESTS,
     PART_KEYS,
     POSE_KEYS,
     ROOT_KEYS,
@@ -29,8 +33,9 @@ from bridge.motion.readers.smpl_fields import (
     arrays_of,
     gender_stored,
     holds_poses,
+    unprefixed,
 )
-from bridge.runs.untrusted import file_refused, open_npz
+from bridge.runs.untrusted import UntrustedNpz, file_refused, open_npz
 
 SAMPLE_PREFIX = "sample:"
 CYCLE = "walk_cycle"
@@ -40,7 +45,8 @@ SAMPLES = ("dancing", "jumping_jacks", CYCLE, "walking")
 _MOST_TEXT_BYTES = 1 << 12
 _MOST_BYTES = dict.fromkeys(WANTED, _MOST_TEXT_BYTES)
 _MOST_BYTES |= dict.fromkeys((*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS), MOST_BYTES)
-_MOST_BYTES |= dict.fromkeys((*TRANS_KEYS, "Rh"), MOST_FRAMES * 24)
+_MOST_BYTES |= dict.fromkeys((*TRANS_KEYS, "Rh", "Th"), MOST_FRAMES * 24)
+_MOST_BYTES |= dict.fromkeys(BESIDE_KEYS, MOST_FRAMES * 72)
 _MOST_BYTES |= {"dmpls": MOST_FRAMES * 64} | dict.fromkeys(BETAS_KEYS, MOST_FRAMES * 128)
 
 
@@ -53,9 +59,17 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     )
     refused = file_refused(path, unusable, "Download the file again.", missing=missing)
     with refused, open_npz(motion_path(path)) as archive:
+        if nested := _nested(archive):
+            return pickles.motion_in(path, nested, how)[0]
         whole = any(key in archive for key in WHOLE_KEYS)
         unread = PART_KEYS if whole else ()
-        wanted = {key: most for key, most in _MOST_BYTES.items() if key not in unread}
+        sizes = {n: _MOST_BYTES.get(n.rpartition(":")[2]) for n in archive if n not in unread}
+        # Of what may have another meaning only what is small is looked at.
+        wanted = {
+            name: most
+            for name, most in sizes.items()
+            if most and (name not in BESIDE_KEYS or archive[name].size_bytes <= most)
+        }
         arrays = arrays_of(npz_fields(archive, wanted), strict=True)
         markers = markers_beside_poses(archive, motion_path(path))
     return replace(motion_of(path, arrays, how), markers=markers)
@@ -64,10 +78,22 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
 def gender_of(path: Path) -> str | None:
     """The gender that a file states, or None if it has no poses and so is no motion."""
     with file_refused(path, unusable, "Download it again."), open_npz(path) as archive:
-        if not holds_poses(archive):
+        if nested := _nested(archive):
+            return pickles.gender_in_file(nested)
+        if not holds_poses(unprefixed(dict.fromkeys(archive))):
             return None
         stated = npz_fields(archive, {"gender": _MOST_TEXT_BYTES})
         return gender_stored(arrays_of(stated, strict=True))
+
+
+def _nested(archive: UntrustedNpz) -> dict[str, Any]:
+    """All fields, if one of them that may be a dictionary with poses is one."""
+    nests = [n for n in NESTS if n in archive and archive[n].dtype.hasobject]
+    if not nests or holds_poses(archive):
+        return {}
+    of_all = {name: most for name, most in _MOST_BYTES.items() if most == _MOST_TEXT_BYTES}
+    fields = npz_fields(archive, {**of_all, **dict.fromkeys(nests, 0)})
+    return {name: value for name, value in fields.items() if value is not None}
 
 
 def is_smpl_family(path: Path) -> bool:

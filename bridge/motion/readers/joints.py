@@ -28,6 +28,7 @@ from bridge.motion.directions import shortest_turn, unit
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
 from bridge.motion.readers import pickles
 from bridge.motion.readers.smpl_arrays import motion_of
+from bridge.motion.readers.tracks import chosen_person
 from bridge.motion.retargeting import (
     is_mirrored,
     local_rotations,
@@ -103,11 +104,13 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
             arrays = {"poses": turns.transpose(2, 0, 1), "trans": places.T}
             return motion_of(path, arrays, how, _FPS)
         joints, notes = (
-            _of_samples(path, stored) if isinstance(stored, dict) else (as_array(stored), [])
+            _of_samples(path, stored, how) if isinstance(stored, dict) else (as_array(stored), [])
         )
     if joints.ndim == 2 and joints.shape[1] == _MOTION_X_WIDTH:
         arrays = {name: joints[:, columns] for name, columns in _MOTION_X.items()}
         return motion_of(path, arrays, how, _MOTION_X_FPS)
+    if not notes:
+        chosen_person(path, how, [len(joints)], notes)
     joints = joints[0] if joints.ndim == 4 and len(joints) == 1 else joints
     if joints.ndim == 2 and joints.shape[1] in _FEATURES:
         remedy = "Recover its joints first, as HumanML3D does by recover_from_ric."
@@ -127,15 +130,20 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     return replace(motion, notes=(*notes, *motion.notes))
 
 
-def _of_samples(path: Path, stored: dict[str, Any]) -> tuple[NDArray, list[str]]:
-    """(T, 22, 3) of the first of MDM's samples (N, 22, 3, T), which are filled up to the longest,
-    and notes about it."""
+def _of_samples(path: Path, stored: dict[str, Any], how: HowRead) -> tuple[NDArray, list[str]]:
+    """(T, 22, 3) of one of MDM's samples (N, 22, 3, T), which are filled up to the longest, and
+    notes about it."""
     motions = as_array(stored[_MDM])
     if motions.ndim != 4 or not len(motions):
         raise ValueError(f"motions of shape {motions.shape}")
-    length = int(as_array(stored["lengths"]).flat[0]) if "lengths" in stored else motions.shape[3]
-    more = [f"{path} holds {len(motions)} samples: the first is read"] if len(motions) > 1 else []
-    return motions[0, :, :, : max(length, 0)].transpose(2, 0, 1), more
+    lengths = as_array(stored["lengths"]).ravel() if "lengths" in stored else [motions.shape[3]]
+    notes: list[str] = []
+    chosen = chosen_person(path, replace(how, person=how.person or 1), [0] * len(motions), notes)
+    if notes:
+        which = f"sample {chosen + 1}" if chosen else "the first"
+        notes = [f"{path} holds {len(motions)} samples: {which} is read, --person says another"]
+    length = int(lengths[min(chosen, len(lengths) - 1)])
+    return motions[chosen, :, :, : max(length, 0)].transpose(2, 0, 1), notes
 
 
 def _refused(path: Path, flaw: str, remedy: str = _REMEDY) -> DsnetError:

@@ -4,10 +4,11 @@ people in videos, of datasets.
 MoSh++'s `*_stageii.pkl` (AMASS's `poses` are its `fullpose`; its rate is that of the recording, of
 which it may have fitted every other frame, `ds_rate`), AIST++ (`smpl_poses`, `smpl_trans`,
 `smpl_scaling`, 60 frames a second), 3DPW (a list of people's in place of each array, 30 frames a
-second), EMDB (under `smpl`), WHAM (people by number; plain or by joblib), GVHMR
-(`smpl_params_global`), and any other dictionary of SMPL's arrays. What they hold is read by
-`bridge.body.safe_pickle`, which runs nothing, and without PyTorch. Poses in the space of a camera
-alone are refused: nobody knows there where the floor is.
+second), EMDB (under `smpl`), WHAM (people by number; plain or by joblib, compressed or not), GVHMR
+(`smpl_params_global`), PromptHMR (`people`, `smplx_world`), PHC (motions by name), GRAB (`.npz`
+with `body`), and any other dictionary of SMPL's arrays, however deep it lies. What they hold is
+read by `bridge.body.safe_pickle`, which runs nothing, and without PyTorch. Poses in the space of a
+camera alone are refused: nobody knows there where the floor is.
 """
 
 from __future__ import annotations
@@ -32,13 +33,19 @@ from bridge.motion.readers.markers import from_mosh, within
 from bridge.motion.readers.smpl_arrays import motion_of
 from bridge.motion.readers.smpl_fields import (
     BODY_KEYS,
+    NUMBER_KEYS,
+    OF_CAMERA,
+    OF_WORLD,
     POSE_KEYS,
     RATE_KEYS,
+    SEEN_KEYS,
     arrays_of,
     gender_in,
     holds_poses,
+    unprefixed,
 )
-from bridge.runs.untrusted import file_refused, open_regular
+from bridge.motion.readers.tracks import chosen_person
+from bridge.runs.untrusted import file_refused, inflated, open_regular
 
 OF_MOSH = "_stageii"
 """How the names of MoSh++'s files end."""
@@ -48,9 +55,13 @@ _MOST_OPCODES = 4_000_000
 million."""
 _AISTPP_FPS = 60.0
 _3DPW, _3DPW_FPS = "poses_60Hz", 30.0
+_OF_ALL = ("gender", *RATE_KEYS, *NUMBER_KEYS, *SEEN_KEYS)
+"""What may be said of all that lies in a dictionary."""
+_MOST_INFLATED_BYTES = 1 << 30
 _MOST_PEOPLE = 10_000
 _REMEDY = "Save its arrays as .npz."
-_WORLD, _CAMERA = "smpl_params_global", "smpl_params_incam"
+_DEEPEST = 5
+"""Of dictionaries and lists in one another."""
 _DETAILS = "stageii_debug_details"
 
 
@@ -58,20 +69,37 @@ def gender_of(path: Path) -> str | None:
     """The gender that a file states; the whole file is read. A damaged one is refused if it is
     MoSh++'s by its name."""
     try:
-        _, people = _opened(path)
+        with file_refused(path, unusable, _REMEDY):
+            return gender_in_file(_opened(path))
     except DsnetError:
         if path.stem.endswith(OF_MOSH):
             raise
         return None
-    return gender_in(_gender(people[0])) if people else None
+
+
+def gender_in_file(stored: Any) -> str | None:
+    """The gender of the first of the people in what a file holds; None where there are none."""
+    people = (one for one in _people(stored) if not one.keys() & OF_CAMERA.keys())
+    return next((gender_in(_gender(one)) for one in people), None)
 
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
-    """Read and check one file; of several people the one who is seen longest."""
-    stored, people = _opened(path)
-    if not people and isinstance(stored, dict) and _CAMERA in stored:
-        remedy = f"Export the world's ({_WORLD}) too."
-        raise unusable(path, "whose poses are in the space of a camera alone", remedy)
+    """Read and check one file; of several people the one who is seen longest, or who is meant."""
+    motion, people = motion_in(path, _opened(path), how)
+    if path.stem.endswith(OF_MOSH):
+        motion = replace(motion, markers=MarkerFile(path, partial(from_mosh, people[0])))
+    return motion
+
+
+def motion_in(path: Path, stored: Any, how: HowRead) -> tuple[Motion, list[Mapping[str, Any]]]:
+    """The motion in what a file holds, and all people in that."""
+    with file_refused(path, unusable, _REMEDY):
+        people = [*_people(stored)]
+        whose = [OF_CAMERA[name] for one in people for name in one if name in OF_CAMERA]
+    people = [one for one in people if not one.keys() & OF_CAMERA.keys()]
+    if not people and whose:
+        flaw = f"whose poses are in a camera's space alone, as {whose[0]}"
+        raise unusable(path, flaw, "Export the world's space too.")
     with file_refused(path, unusable, _REMEDY):
         each = [one for one in map(_arrays, people) if holds_poses(one)]
         keys = (*POSE_KEYS, *BODY_KEYS)
@@ -81,46 +109,60 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     if len(each) > 1 and max(lengths) == 1:
         flaw = f"of {len(each)} poses one by one: whether of frames or of people, it does not say"
         raise unusable(path, flaw, "Stack the frames of one person.")
-    arrays = each[int(np.argmax(lengths))]
-    motion = motion_of(path, arrays, how, _AISTPP_FPS if "smpl_scaling" in arrays else np.nan)
-    if path.stem.endswith(OF_MOSH):
-        motion = replace(motion, markers=MarkerFile(path, partial(from_mosh, people[0])))
-    if len(each) == 1:
-        return motion
-    note = f"{path} holds {len(each)} people: the one of {max(lengths)} frames is read"
-    return replace(motion, notes=(note, *motion.notes))
-
-
-def _opened(path: Path) -> tuple[Any, list[Mapping[str, Any]]]:
-    """What a file holds, and the people in it."""
-    with file_refused(path, unusable, _REMEDY):
-        with open_regular(path, _MOST_FILE_BYTES) as file:
-            begins = file.read(2)
-            file.seek(0)
-            match begins:
-                case b"PK":
-                    stored = load_torch(file)
-                case b"\x93N":  # of an .npy
-                    stored = load_restricted_item(file)
-                case _:
-                    is_moshs = path.stem.endswith(OF_MOSH)
-                    stored = load_restricted(file, _MOST_OPCODES if is_moshs else MOST_OPCODES)
-        return stored, [*_people(stored)]
-
-
-def _people(stored: Any) -> Iterator[Mapping[str, Any]]:
-    """The dictionaries with poses in what a file holds; what it says of all holds for each."""
-    person = _named(stored)
-    if isinstance(person.get(_WORLD), dict):
-        yield _named(person[_WORLD])
-    elif "pose_world" in person or holds_poses(person):
-        yield from _each(person)
+    notes: list[str] = []
+    if len(each) > 1:
+        arrays = each[chosen_person(path, how, lengths, notes)]
+        how = replace(how, person=None)
     else:
-        of_all = {key: person[key] for key in ("gender", *RATE_KEYS) if key in person}
-        inner = [v for n, v in person.items() if n != _CAMERA] or stored
-        for one in map(_named, inner[:_MOST_PEOPLE] if isinstance(inner, list) else ()):
-            if holds_poses(one):
-                yield {**of_all, **one}
+        (arrays,) = each
+    motion = motion_of(path, arrays, how, _AISTPP_FPS if "smpl_scaling" in arrays else np.nan)
+    return replace(motion, notes=(*notes, *motion.notes)), people
+
+
+def _opened(path: Path) -> Any:
+    """What a file holds."""
+    with file_refused(path, unusable, _REMEDY), open_regular(path, _MOST_FILE_BYTES) as file:
+        most = _MOST_OPCODES if path.stem.endswith(OF_MOSH) else MOST_OPCODES
+        begins = file.read(2)
+        file.seek(0)
+        match begins:
+            case b"PK":
+                return load_torch(file)
+            case b"\x93N":  # of an .npy
+                return load_restricted_item(file)
+            case b"x\x01" | b"x\x5e" | b"x\x9c" | b"x\xda" | b"\x1f\x8b":
+                return load_restricted(inflated(file, _MOST_INFLATED_BYTES), most)
+            case b"BZ" | b"\xfd7" | b"]\0":
+                raise ValueError("it is compressed by bz2 or lzma: unpack it")
+        return load_restricted(file, most)
+
+
+def _people(
+    stored: Any,
+    of_all: Mapping[str, Any] | None = None,
+    depth: int = _DEEPEST,
+    met: set[int] | None = None,
+) -> Iterator[Mapping[str, Any]]:
+    """The dictionaries with poses in what a file holds; what it says of all holds for each. Those
+    of a world alone where there are also a camera's."""
+    met = set() if met is None else met
+    if id(stored) in met:  # lists can hold one another a million times over
+        return
+    met.add(id(stored))
+    person = unprefixed(_named(stored))
+    world = next((person[key] for key in OF_WORLD if isinstance(person.get(key), dict)), None)
+    of_all = {**(of_all or {}), **{key: person[key] for key in _OF_ALL if key in person}}
+    if world is not None:
+        yield from _people(world, of_all, depth - 1, met)
+    elif "pose_world" in person or holds_poses(person):
+        yield from _each({**of_all, **person})
+    elif person.keys() & OF_CAMERA.keys():
+        yield person
+    elif depth:
+        inner = [*person.values()] or stored
+        for one in inner[:_MOST_PEOPLE] if isinstance(inner, list) else ():
+            if isinstance(one, (dict, list)):
+                yield from _people(one, of_all, depth - 1, met)
 
 
 def _each(person: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:

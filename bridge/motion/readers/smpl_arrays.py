@@ -1,8 +1,4 @@
-"""A motion from arrays of SMPL's family: its pose, its rate, whose shape, where and which way up.
-
-A file does not say which axis is its vertical; the bodies show it: they stand along z as in AMASS,
-or along y as video models and generators write.
-"""
+"""A motion from arrays of SMPL's family: its pose, its rate, whose shape, where and when."""
 
 from __future__ import annotations
 
@@ -10,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from bridge.body.embedded import EMBEDDED_PREFIX
+from bridge.errors import DsnetError
 from bridge.motion.motion import (
     FARTHEST_M,
     HIGHEST_M,
@@ -21,15 +19,16 @@ from bridge.motion.motion import (
     Motion,
     UpAxis,
 )
-from bridge.motion.readers.joint_rotations import BODY_WIDTHS, WIDTHS, finite, unusable
+from bridge.motion.readers.joint_rotations import (
+    axis_angles,
+    by_joint,
+    finite,
+    unusable,
+)
 from bridge.motion.readers.smpl_fields import (
     BETAS_KEYS,
-    BODY_KEYS,
     LENGTH_KEY,
-    PART_KEYS,
-    POSE_KEYS,
     RATE_KEYS,
-    ROOT_KEYS,
     TRANS_KEYS,
     Arrays,
     first_of,
@@ -37,24 +36,15 @@ from bridge.motion.readers.smpl_fields import (
     text_in,
 )
 from bridge.motion.readers.smpl_poses import hands_and_face, pose_of, stated_kind
-from bridge.motion.retargeting import (
-    smpl_places,
-    some_frames,
-    standing_direction,
-    world_rotations,
-)
-from bridge.motion.skeletons import OWN_NAMES
+from bridge.motion.readers.tracks import frames_seen, of_one_person
+from bridge.motion.readers.vertical import vertical_of
 from bridge.motion.theta import pack_theta
 from bridge.paper import N_BETAS
 from bridge.runs.untrusted import text_of
 
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
-_STANDING, _ASLANT = 0.7, 0.5
-"""Least share of an axis in the mean direction of trunk and legs that stand along it, and the
-largest of the other one beside it."""
-_LYING = 0.3
-"""Largest share of z in the direction of a trunk that is upright along y, as of who sits."""
 _SAME_BETAS, _SAME_RATE, _SAME_LENGTH = 0.05, 0.01, 0.05
+_SAME_TURN_RAD = 1e-3
 
 
 def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.nan) -> Motion:
@@ -64,18 +54,20 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
     ----------
     usual_fps : the rate of files of this kind that do not say theirs.
     """
-    if "Rh" in arrays:
-        flaw = "whose bodies turn about the origin by 'Rh', as EasyMocap's"
-        raise unusable(path, flaw, "Write them as 'root_orient' and 'trans' of SMPL.")
     notes: list[str] = []
-    arrays = _of_first_person(path, arrays, notes)
+    arrays = of_one_person(path, arrays, how, notes)
+    arrays, numbers = frames_seen(path, arrays, notes)
     pose = pose_of(path, arrays)
+    _refuse_second_turn(path, arrays, pose)
     kind, others = hands_and_face(path, arrays, len(pose), notes)
     kind = stated_kind(path, arrays, notes) or kind
-    is_codecs = first_of(arrays, POSE_KEYS) == "bodyPose"
-    up = _vertical(path, pose, how, is_codecs, notes)
+    up, turn = vertical_of(path, arrays, pose, how, notes)
     trans_m = _trans(path, arrays, len(pose), up, notes)
-    betas, fps = _betas(path, arrays, notes), _rate(path, arrays, usual_fps)
+    if turn is not None:
+        rotation = Rotation.from_matrix(turn)
+        pose[:, 0] = (rotation * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
+        trans_m = rotation.apply(trans_m)
+    betas, fps = _betas(path, arrays, notes), _rate(path, arrays, usual_fps, how, notes)
     length = arrays.get(LENGTH_KEY, np.array(np.nan))
     stated_s = float(length.item()) if length.size == 1 and length.dtype.kind in "iuf" else np.nan
     if abs(len(pose) / fps - stated_s) > _SAME_LENGTH * stated_s + 1 / fps:  # nan is not
@@ -96,6 +88,8 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
         up=up,
         dmpls=finite(path, "dmpls", arrays["dmpls"], len(pose)) if "dmpls" in arrays else None,
         trans_of=up,
+        world_turn=turn,
+        frame_numbers=numbers,
         embedded_betas=is_of_embedded(arrays),
         notes=tuple(notes),
     )
@@ -108,50 +102,18 @@ def is_of_embedded(arrays: Arrays) -> bool:
     ).startswith(EMBEDDED_PREFIX)
 
 
-def _of_first_person(path: Path, arrays: Arrays, notes: list[str]) -> Arrays:
-    """Where an axis of people, or of a batch, stands before that of frames."""
-    key = first_of(arrays, (*POSE_KEYS, *BODY_KEYS))
-    shape = arrays[key].shape if key else ()
-    if len(shape) != 3 or shape[2] not in WIDTHS.keys() | BODY_WIDTHS or not shape[0]:
-        return arrays
-    if shape[0] > 1 == shape[1]:
-        flaw = f"whose {key!r} have shape {shape}: whether of frames or of people, it does not say"
-        raise unusable(path, flaw, "Stack the frames of one person.")
-    if (people := shape[0]) > 1:
-        notes.append(f"{path} holds {people} people: the first is read")
-    keys = (*POSE_KEYS, *ROOT_KEYS, *BODY_KEYS, *PART_KEYS, *TRANS_KEYS, *BETAS_KEYS)
-    each = {k: v for k, v in arrays.items() if k in keys and v.ndim > 1 and len(v) == people}
-    return {**arrays, **{name: array[0] for name, array in each.items()}}
-
-
-def _vertical(
-    path: Path, pose: NDArray[np.float64], how: HowRead, is_codecs: bool, notes: list[str]
-) -> UpAxis:
-    """The axis along which the bodies stand, or their trunks y; if they stand along none, z as in
-    AMASS, but of smplcodec's files y."""
-    if how.up != "auto":
-        return how.up
-    world = world_rotations(pose[some_frames(len(pose))])
-    places = smpl_places(world).swapaxes(0, 1)
-    _, y, z = standing_direction(dict(zip(OWN_NAMES, places, strict=True)))
-    _, trunk_y, trunk_z = np.median(world[:, 0, :, 1], axis=0)
-    stands = abs(y) >= _STANDING and abs(z) <= _ASLANT * abs(y)
-    sits = trunk_y > _STANDING and abs(trunk_z) < _LYING
-    if not stands and not sits:
-        if not is_codecs:
-            return "z"
-        if z < _STANDING or abs(y) > _ASLANT * z:
-            return "y"
-        notes.append(f"{path} is taken as z up, for its bodies stand so: --up says otherwise")
-        return "z"
-    if stands and y < 0:
-        raise unusable(
-            path,
-            "whose bodies stand head down along y, as in the space of a camera",
-            "Export the motion in the world's space, or say its vertical by --up.",
-        )
-    notes.append(f"{path} is taken as y up, for its bodies stand so: --up says otherwise")
-    return "y"
+def _refuse_second_turn(path: Path, arrays: Arrays, pose: NDArray[np.float64]) -> None:
+    """Of EasyMocap's bodies; HY-Motion repeats the root's rotation under the same name."""
+    if "Rh" not in arrays:
+        return
+    second = axis_angles(path, {"Rh": by_joint(path, "Rh", arrays["Rh"], 1)})[:, 0]
+    is_same = len(second) == len(pose) and "Th" not in arrays
+    if is_same:
+        apart = Rotation.from_rotvec(second).inv() * Rotation.from_rotvec(pose[:, 0])
+        is_same = apart.magnitude().max() < _SAME_TURN_RAD
+    if not is_same:
+        flaw = "whose bodies turn about the origin by 'Rh', as EasyMocap's"
+        raise unusable(path, flaw, "Write them as 'root_orient' and 'trans' of SMPL.")
 
 
 def _trans(
@@ -185,9 +147,17 @@ def _trans(
     return trans_m
 
 
-def _rate(path: Path, arrays: Arrays, usual_fps: float) -> float:
-    """Frames a second; nan where the file does not say, or says two rates."""
-    rates = {key: _one_rate(path, key, arrays[key]) for key in RATE_KEYS if key in arrays}
+def _rate(path: Path, arrays: Arrays, usual_fps: float, how: HowRead, notes: list[str]) -> float:
+    """Frames a second; nan where the file does not say, or says two rates, or none at all where
+    the user says it."""
+    try:
+        rates = {key: _one_rate(path, key, arrays[key]) for key in RATE_KEYS if key in arrays}
+    except DsnetError as error:
+        if how.fps is None:
+            raise
+        flaw = error.received.partition(", ")[2]
+        notes.append(f"{path}, {flaw}, which is none, is read at {how.fps:g} frames a second")
+        return how.fps
     if not rates:
         return usual_fps
     first, *others = rates.values()
@@ -202,7 +172,11 @@ def _one_rate(path: Path, key: str, rate: NDArray) -> float:
             rate = np.array(np.nan)
     rate = finite(path, key, rate)
     if rate.size != 1 or not RATES_HZ[0] <= rate.item() <= RATES_HZ[1]:
-        raise unusable(path, f"whose {key} is {rate.tolist()}"[:200], "Write its rate, Hz.")
+        raise unusable(
+            path,
+            f"whose {key} is {rate.tolist()}"[:200],
+            "Write its rate, Hz, or pass --motion-fps.",
+        )
     return rate.item()
 
 
