@@ -60,8 +60,8 @@ _OPPOSITE_DEG = 90.0
 """Legs so far from below the trunk do not say where up is."""
 _CUBE = [*Rotation.create_group("O").as_matrix()]
 _OTHER_CHEST_DEG = 30.0
-_OWN_DEG = 10.0
-"""SMPL's own limbs at rest differ less between people."""
+_OWN_DEG = dict.fromkeys(_LIMBS, 10.0) | {"ankle": 30.0}
+"""SMPL's own limbs and feet at rest differ less between people."""
 _AHEAD_DEG = 45.0
 """From where a limb may be turned about forward, to where it points forward itself."""
 _FOOT_DEG = 55.0
@@ -151,13 +151,13 @@ class RestTurns:
         """Whether it is taken as it is: it has SMPL's names, and rests as SMPL does."""
         if not set(plain_names(OWN_NAMES)) <= set(plain_names(self.skeleton.names)):
             return False
-        ends = {name: end for name, (end, *_) in _BONES.items() if end and name.endswith(_LIMBS)}
-        bones = {name: self._bone(name, end) for name, end in ends.items()}
-        return not any(
-            bone is None
-            or angle_deg(self.smpl_rest_m[ends[name]] - self.smpl_rest_m[name], bone) > _OWN_DEG
-            for name, bone in bones.items()
-        )
+        for name, (end, *_) in _BONES.items():
+            most_deg, bone = _OWN_DEG.get(name.rpartition("_")[2]), self._bone(name, end)
+            if most_deg and end:
+                own = self.smpl_rest_m[end] - self.smpl_rest_m[name]
+                if bone is None or angle_deg(own, bone) > most_deg:
+                    return False
+        return True
 
     def _bone(self, name: str, end: str | None) -> NDArray[np.float64] | None:
         """(3,) from a joint to where its bone ends; None where that is not known."""
@@ -202,7 +202,7 @@ def leg_length(rest: Rest) -> float:
 
 
 def _pelvis(path: Path, rest: Rest) -> NDArray[np.float64]:
-    """By trunk and legs, for no single joint tells: the trunk's lowest may lie ahead of the hips."""
+    """By trunk and legs: no single joint tells, the trunk's lowest may lie ahead of the hips."""
     hips, ankles = middle(rest, "hip"), middle(rest, "ankle")
     trunk, legs = unit(middle(rest, "shoulder") - hips), unit(hips - ankles)
     apart_deg = angle_deg(trunk, legs)

@@ -1,9 +1,9 @@
 """A skeleton that moves, as a file has it, and which of its joints are SMPL's.
 
 Names are compared without what all joints of a file begin or end with, without blanks and signs,
-and with their side in front: `mixamorig:LeftUpLeg`, `J_Bip_L_UpperLeg` and `upleg.L` are `lupleg` or
-`lupperleg`. Pelvis, neck and spine have many names and one place: they are placed between hips,
-shoulders and head.
+and with their side in front: `mixamorig:LeftUpLeg`, `J_Bip_L_UpperLeg`, `upleg.L` and `l_upleg_jnt`
+are `lupleg` or `lupperleg`. Pelvis, neck and spine have many names and one place: they are placed
+between hips, shoulders and head.
 """
 
 from __future__ import annotations
@@ -52,8 +52,10 @@ _SHARED = 0.8
 """Of a file's joints, those that begin or end alike."""
 _SHARED_PARTS = [
     re.compile(part, re.IGNORECASE)
-    for part in (r"^[^_. -]+[_. -]+", r"[_. -]+[^_. -]+$", rf"^(?:{_PART})", rf"(?:{_PART})$")
-]
+    for part in (
+        r"^[^_. -]+[_. -]+", r"[_. -]+[^_. -]+$", rf"^(?:{_PART})[_. -]*", rf"[_. -]*(?:{_PART})$"
+    )
+]  # fmt: skip
 _FRAMES_AT_ONCE = 2048
 _MOST_MAP_BYTES = 1 << 16
 
@@ -210,7 +212,8 @@ def plain_names(names: tuple[str, ...]) -> list[str]:
 
 
 def _plain(name: str) -> str:
-    name = re.sub(rf"[_. -]+(?:{_PART})(?=$|[_. -])", "", name, flags=re.IGNORECASE)
+    name = re.sub(rf"(?:^|[_. -]+)(?:{_PART})(?=$|[_. -])", "", name, flags=re.IGNORECASE)
+    name = name.strip("_. -")
     name = re.sub(r"^(?:c|m|center|centre)[_. ]", "", name, flags=re.IGNORECASE)
     name = re.sub(rf"^(l|r){_SIDE_ENDS}[_. -]", r"\1", name, flags=re.IGNORECASE)
     of_side = rf"(.+)[._ -](l|r){_SIDE_ENDS}|(.+?)[._ -]?(left|right)"

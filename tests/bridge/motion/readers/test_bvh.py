@@ -166,6 +166,7 @@ def test_the_files_rate_is_resampled(tmp_path):
      ("l_upleg_JNT", "spine_JNT", "lupleg"), ("left_toes_joint", "hips_joint", "ltoes"),
      ("hip_jnt_L", "root", "lhip"), ("lf_knee_bind", "spine_bind", "lknee"),
      ("LeftHandJoint", "SpineJoint", "lhand"), ("LHipJoint", "LeftUpLeg", "lhipjoint"),
+     ("thigh_L_jnt_01", "spine_jnt_01", "lthigh"), ("jnt_l_thigh", "spine", "lthigh"),
      ("thigh_l_v2", "spine_v2", "lthigh")],
 )  # fmt: skip
 def test_names_of_many_programs_are_one(name, other, plain):
