@@ -38,6 +38,8 @@ class Bounds:
         return "a finite number"
 
 
+NO_OPTION = "no option"
+"""Stands in the annotation of what is a setting in Python, and no option of a command."""
 _SEEDS = Bounds(0, 2**32 - 1)
 _WHOLE = Bounds(0)
 

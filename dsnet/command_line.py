@@ -16,7 +16,7 @@ from types import NoneType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from bridge.errors import DsnetError, did_you_mean
-from bridge.options import Seed, alternatives, words_of
+from bridge.options import NO_OPTION, Seed, alternatives, words_of
 
 Profile = Literal["smoke", "demo", "paper"]
 PROFILES: tuple[Profile, ...] = get_args(Profile)
@@ -131,11 +131,12 @@ def _refuse_value(flag: str, value: str, hint: Any) -> None:
 
 
 def _is_fixed(hint: Any) -> bool:
-    """Whether only studies set a field: no option."""
+    """Whether only studies or Python set a field: no option."""
     from tyro.conf import Fixed
 
     marked: Any = Fixed[int]
-    return get_origin(hint) is Annotated and marked.__metadata__[0] in hint.__metadata__
+    marks = marked.__metadata__[0], NO_OPTION
+    return get_origin(hint) is Annotated and any(one in marks for one in hint.__metadata__)
 
 
 def options_type(default: Any, command: str, profile: Profile) -> type:
@@ -165,13 +166,15 @@ def flowed(text: str, width: int) -> str:
 def _shown(default: Any, required: Sequence[str]) -> dict[str, tuple[Any, Any]]:
     """The fields of a configuration, by name: how the parser reads and explains each, its value."""
     # Late, as is the parser in the command: whoever interrupts while it loads reads one line.
-    from tyro.conf import arg
+    from tyro.conf import Fixed, arg
 
     kind = type(default)
     hints, helps = get_type_hints(kind, include_extras=True), _helps(kind)
     shown = {}
     for one in sorted(fields(default), key=lambda one: _place(one.name)):
         hint, value = hints[one.name], getattr(default, one.name)
+        if _is_fixed(hint):
+            hint = Fixed[hint]
         if not is_dataclass(value):
             about: dict[str, Any] = {"help": helps.get(one.name, "")}
             if not isinstance(value, bool):

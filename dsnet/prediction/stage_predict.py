@@ -59,6 +59,9 @@ def main(config: PredictConfig) -> None:
     if config.out is None:
         raise DsnetError("--motion without --out", "a folder to write", "Pass --out DIR.")
     write = what_to_write(config.write, config.motion)
+    if config.person and config.motion.is_dir():
+        remedy = "Predict that file alone, or leave --person out."
+        raise DsnetError(f"--person with {config.motion}, a folder", "it with one motion", remedy)
     if config.motion.is_dir():
         predict_folder(
             config.run,
@@ -88,10 +91,11 @@ def _what_was_made(made: Artifact, config: PredictConfig, earlier: str) -> str:
     manifest = made.manifest
     frames, fps = manifest["frames"], manifest["fps"]
     names = ", ".join(sorted(made.digests))
+    look = f". To look at it: {shlex.join(_looking_at_it(config, made.path))}"
+    look = "" if config.person else look  # no other command has that option
     return (
         f"wrote {names} to {made.path}{earlier}: {frames} frames, {frames / fps:.1f} s at "
-        f"{fps:g} fps; the skin moves by at most {manifest['largest_offset_mm']:.1f} mm. To look "
-        f"at it: {shlex.join(_looking_at_it(config, made.path))}"
+        f"{fps:g} fps; the skin moves by at most {manifest['largest_offset_mm']:.1f} mm{look}"
     )
 
 

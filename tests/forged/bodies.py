@@ -257,6 +257,17 @@ LOADS: dict[str, tuple[str, dict[str, Any], Callable[[Fields], bytes]]] = {
     "SMPL-X, apart": ("SMPLX_FEMALE.npz", {"kind": "smplx", "shapes": 12, "expressions": 3},
         lambda f: npz(f | {"shapedirs": f["shapedirs"][..., :12],
                            "expr_dirs": f["shapedirs"][..., 12:]})),
+    "SMPL-X, apart, another name": (
+        "SMPLX_FEMALE.npz", {"kind": "smplx", "shapes": 20, "expressions": 3},
+        lambda f: npz(f | {"shapedirs": f["shapedirs"][..., :20], "expression": np.zeros((1, 10)),
+                           "expression_dirs": f["shapedirs"][..., 20:]})),
+    "SMPL-X, apart, pkl": (
+        "SMPLX_FEMALE.pkl", {"kind": "smplx", "shapes": 16, "expressions": 10},
+        lambda f: pickle.dumps(f | {"shapedirs": f["shapedirs"][..., :16],
+                                    "Exprs": f["shapedirs"][..., 16:]}, 4)),
+    "SMPL-X, expressions twice": (
+        "SMPLX_FEMALE.npz", {"kind": "smplx", "shapes": 16, "expressions": 10},
+        lambda f: npz(f | {"exprdirs": f["shapedirs"][..., 16:]})),
 }  # fmt: skip
 """By variety: the file's name, what `person` and `fields_of` make it of, and how it is written."""
 

@@ -165,19 +165,16 @@ def _rate(path: Path, arrays: Arrays, usual_fps: float, how: HowRead, notes: lis
 
 
 def _one_rate(path: Path, key: str, rate: NDArray) -> float:
-    if rate.dtype.kind in "US" and rate.size == 1:
-        try:
-            rate = np.array(float(text_of(rate)))
-        except ValueError:
-            rate = np.array(np.nan)
-    rate = finite(path, key, rate)
-    if rate.size != 1 or not RATES_HZ[0] <= rate.item() <= RATES_HZ[1]:
-        raise unusable(
-            path,
-            f"whose {key} is {rate.tolist()}"[:200],
-            "Write its rate, Hz, or pass --motion-fps.",
-        )
-    return rate.item()
+    rate = rate.reshape(()) if rate.size == 1 else rate
+    stated = text_of(rate) if rate.dtype.kind in "US" and rate.size == 1 else rate.tolist()
+    try:
+        rate_hz = float(stated)
+    except (TypeError, ValueError):  # of text, or of several
+        rate_hz = np.nan
+    if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
+        remedy = "Write its rate, Hz, or pass --motion-fps."
+        raise unusable(path, f"whose {key} is {stated}"[:200], remedy)
+    return rate_hz
 
 
 def _betas(path: Path, arrays: Arrays, notes: list[str]) -> NDArray[np.float64]:

@@ -155,3 +155,9 @@ def test_a_folder_of_any_kind_is_searched(tmp_path: Path) -> None:
     with pytest.raises(DsnetError, match=r"half_stageii\.pkl, which does not load"):
         find_motion_files(tmp_path, "female")
     assert pickles.gender_of(tmp_path / "none.pkl") is None
+
+
+def test_tensors_that_pickle_alone_wrote_are_named(tmp_path: Path) -> None:
+    """`torch.storage._load_from_bytes` reads with PyTorch's own unpickler, which runs things."""
+    (tmp_path / "a.pkl").write_bytes(b"\x80\x02ctorch.storage\n_load_from_bytes\n.")
+    assert "tensors of PyTorch, pickled without torch.save" in refused(tmp_path / "a.pkl")
