@@ -1,8 +1,8 @@
 """Frames of a file that are the recording's fault, drawn anew from those around them, and told of.
 
-A tracker that loses somebody repeats its last pose, or leaves the frames out. A solver turns a joint the other way round, or
-puts the root elsewhere, and some frames later has it back: taken for motion that is a blow to all
-tissue, and taken for a cut its beginning anew.
+A tracker that loses somebody repeats its last pose, or leaves the frames out. A solver turns a
+joint the other way round, or puts the root elsewhere, and some frames later has it back: taken for
+motion that is a blow to all tissue, and taken for a cut its beginning anew.
 """
 
 from __future__ import annotations
