@@ -74,7 +74,9 @@ def motion_warnings(
             f"fit: if it is wrong, {rate_option} says the right one"
         )
     pops = find_pops(motion, pieces)
-    if named := [f"{name} at {frame / fps:.2f} s" for frame, name in pops.items()]:
+    if fall_g <= MOST_FALL_G and "root" not in pops.values():
+        pops |= _leaps(motion, pieces)
+    if named := [f"{name} at {frame / fps:.2f} s" for frame, name in sorted(pops.items())]:
         lines.append(
             f"{source} moves faster than anybody can: {_first_of(named)}: "
             "if it is a fault of the recording, smooth it there, for it throws the tissue"
@@ -132,7 +134,15 @@ def tremor_mm(trans_m: NDArray[np.floating], fps: float) -> float:
 
 
 def steepest_fall_g(height_m: NDArray, fps: float) -> float:
-    """Largest downward acceleration of a height (T,), in units of gravity; 0 if there is none.
+    """Largest downward acceleration of a height (T,), in units of gravity; 0 if there is none."""
+    fall_g, lasts, _ = _falls(height_m, fps)
+    return float(fall_g[lasts].max(initial=0.0))
+
+
+def _falls(
+    height_m: NDArray, fps: float
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.intp]]:
+    """Downward accelerations of a height (T,), in units of gravity, whether each lasts, and where.
 
     Each is the mean over a tenth of a second, weighted by a triangle of half its width h:
     -(y(t - h) - 2 y(t) + y(t + h)) / h^2. So an error of a millimetre makes no more than 0.2. Who
@@ -141,13 +151,12 @@ def steepest_fall_g(height_m: NDArray, fps: float) -> float:
     """
     half = max(1, round(_FALL_HALF_S * fps))
     if len(height_m) <= 2 * half:
-        return 0.0
+        return np.zeros(0), np.zeros(0, bool), np.zeros(0, np.intp)
     before, now, after = height_m[: -2 * half], height_m[half:-half], height_m[2 * half :]
     mean = (2 * now - before - after) / half**2
     each = sliding_window_view(-np.diff(height_m, 2), 2 * half - 1)
-    median = np.median(each, axis=1)
-    falls = np.where(median >= mean / 2, mean, 0.0)
-    return max(0.0, float(falls.max()) * fps**2 / GRAVITY_M_S2)
+    lasts = np.median(each, axis=1) >= mean / 2
+    return mean * fps**2 / GRAVITY_M_S2, lasts, half + np.arange(len(mean))
 
 
 def find_pops(motion: Motion, pieces: Sequence[slice]) -> dict[int, str]:
@@ -159,12 +168,25 @@ def find_pops(motion: Motion, pieces: Sequence[slice]) -> dict[int, str]:
     for piece in pieces:
         pose, trans_m = unpack_theta(np.asarray(motion.theta[piece], np.float64))
         excess = excess_speeds(pose, trans_m, motion.fps)
-        last = -np.inf
-        for frame in np.flatnonzero((excess > 1).any(axis=1)):
-            if frame - last > _POPS_APART_S * motion.fps:
-                pops[piece.start + int(frame)] = WHAT_MOVES[int(excess[frame].argmax())]
-            last = frame
+        for frame in _first_of_each(np.flatnonzero((excess > 1).any(axis=1)), motion.fps):
+            pops[piece.start + frame] = WHAT_MOVES[int(excess[frame].argmax())]
     return pops
+
+
+def _leaps(motion: Motion, pieces: Sequence[slice]) -> dict[int, str]:
+    """The same of a root that is lifted or dropped within some frames, as nobody falls."""
+    leaps: dict[int, str] = {}
+    for piece in pieces:
+        fall_g, lasts, at = _falls(motion.trans_m[piece, 1], motion.fps)
+        too_fast = at[(fall_g > MOST_FALL_G) & ~lasts]
+        leaps |= {piece.start + n: "root" for n in _first_of_each(too_fast, motion.fps)}
+    return leaps
+
+
+def _first_of_each(frames: NDArray[np.intp], fps: float) -> list[int]:
+    """The first of those that are less than a quarter of a second apart."""
+    far = np.diff(frames, prepend=-np.inf) > _POPS_APART_S * fps
+    return frames[far].tolist()
 
 
 def _first_of(named: Sequence[str]) -> str:

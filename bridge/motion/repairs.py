@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from bridge.errors import DsnetError
-from bridge.motion.cuts import repeated_frames
+from bridge.motion.cuts import repeated_frames, turns_rad
 from bridge.motion.interpolation import curved, values_on_lines
 from bridge.motion.motion import MOST_FRAMES, Motion
 from bridge.motion.speeds import WHAT_MOVES, excess_speeds
@@ -26,6 +26,8 @@ _LONGEST_GAP_S = 0.5
 """What is drawn through longer ones is nobody's motion."""
 _LONGEST_SPIKE_S, _LONGEST_SPIKE = 0.1, 4
 """A spike has at most as many frames, or so many where frames are far apart."""
+_BACK = 0.5
+"""Of the way that it was away."""
 _MOST_SPIKED = 0.05
 """Where more of a motion's frames are too fast, its rate is wrong, or everything else."""
 _LISTED = 5
@@ -134,8 +136,12 @@ def find_spikes(pose: NDArray, trans_m: NDArray, fps: float) -> list[tuple[int, 
         after = 0
         too_fast = np.flatnonzero(excess[:, what] > 1)
         for first in too_fast:
-            ends = too_fast[(too_fast > first) & (too_fast <= first + longest)]
-            if first <= after or not len(ends):
+            ends = [
+                end
+                for end in too_fast[(too_fast > first) & (too_fast <= first + longest)]
+                if _comes_back(pose, trans_m, first, end, what)
+            ]
+            if first <= after or not ends:
                 continue
             left = [_excess_without(pose, trans_m, fps, (first, end, what)) for end in ends]
             if min(left) <= 1:
@@ -143,6 +149,20 @@ def find_spikes(pose: NDArray, trans_m: NDArray, fps: float) -> list[tuple[int, 
                 spikes.append((int(first), after, what))
     frames = {frame for first, last, _ in spikes for frame in range(first, last)}
     return sorted(spikes) if len(frames) <= _MOST_SPIKED * len(pose) else []
+
+
+def _comes_back(pose: NDArray, trans_m: NDArray, first: int, last: int, what: int) -> bool:
+    """Whether what moves ends nearer to where it would have been anyway than it was on the way: a
+    joint where it was, the root as fast as before."""
+    frames = np.arange(first, last + 1)
+    if what < N_JOINTS:
+        before = np.tile(pose[first - 1, what], (len(frames), 1, 1))
+        away = turns_rad(before, pose[frames, what][:, None])[:, 0]
+    else:
+        step_m = trans_m[first - 1] - trans_m[max(first - 2, 0)]
+        straight_m = trans_m[first - 1] + (frames - first + 1)[:, None] * step_m
+        away = np.linalg.norm(trans_m[frames] - straight_m, axis=1)
+    return bool(away[-1] <= _BACK * away[:-1].max())
 
 
 def _excess_without(

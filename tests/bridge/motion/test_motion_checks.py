@@ -89,6 +89,15 @@ def test_a_root_that_leaps_is_no_fall_and_is_named(tmp_path):
     ]
 
 
+def test_a_root_that_is_lifted_within_some_frames_is_named(tmp_path):
+    trans = np.zeros((251, 3))
+    trans[100:105, 2], trans[105:, 2] = np.linspace(0.02, 0.1, 5), 0.11
+    save(tmp_path / "lifted.npz", smplh(251, 100.0), poses=np.zeros((251, 156)), trans=trans)
+    said = motion_warnings(load_amass_motion(tmp_path / "lifted.npz"))
+    assert not [line for line in said if "gravity" in line]
+    assert [line for line in said if "faster than anybody can: root at 1.0" in line]
+
+
 def test_the_given_rate_is_taken_for_the_files_own():
     own = load_amass_motion("sample:walking")
     slow = load_amass_motion("sample:walking", fps=30.0, source_fps=30.0)

@@ -66,6 +66,8 @@ def test_what_stays_or_comes_back_late_is_none() -> None:
     pose[FIRST:, SPINE] += [np.pi, 0, 0]
     pose[80 : 80 + 20, HEAD] += [np.pi, 0, 0]
     trans_m[60:, 0] += 2.0
+    trans_m[20:26, 1] += np.linspace(0.03, 0.15, 6)  # lifted within a tenth of a second
+    trans_m[26:, 1] += 0.15
     assert find_spikes(pose, trans_m, FPS) == []
     motion = motion_of(pose, trans_m)
     assert without_spikes(motion) is motion
