@@ -32,7 +32,7 @@ find_python() {
 nvidia-smi -L >/dev/null 2>&1 && train=train || train=train-cpu
 # What a run on this machine needs; a cluster, tests and pages need half a minute and 0.8 GB more.
 for_runs=$train,usd,clip
-for_everything=$for_runs,abc,ray,dev,docs
+for_everything=$for_runs,abc,fbx,ray,dev,docs
 
 setup() {
     local extras=$1 stamp=.venv/installed enough module

@@ -22,7 +22,7 @@ COMES_WITH = {"imath": "alembic3d"}
 TEXTS = {"", ".cff", ".html", ".md", ".py", ".sh", ".toml", ".txt"}
 FRAMEWORKS = {"h5py", "keras", "tensorflow", "torch"}
 # What one format of `dsnet export` needs, or one command.
-OF_ONE_COMMAND = ("usd", "abc", "clip", "ray")
+OF_ONE_COMMAND = ("usd", "abc", "clip", "fbx", "ray")
 EXTRAS = ("train", *OF_ONE_COMMAND)
 
 

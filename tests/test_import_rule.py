@@ -41,7 +41,7 @@ THIRD_PARTIES = {
         "__init__.py": set(),
         "runs": {"filelock", "numpy", "ray", "threadpoolctl", "tqdm"},
         "body": {"numpy", "safetensors", "scipy"},
-        "motion": {"numpy", "scipy"},
+        "motion": {"numpy", "scipy", "ufbx"},
         "meshes": {"h5py", "numpy"},
         "exchange": {"numpy", "safetensors", "tyro"},
         "tissue": {"numpy", "scipy"},

@@ -18,7 +18,7 @@ STAGES = [
     "corpus", "align", "train-ae", "encode", "train", "infer", "decode", "evaluate", "report",
 ]
 FOR_RUNS = "train-cpu,usd,clip"
-EVERYTHING = f"{FOR_RUNS},abc,ray,dev,docs"
+EVERYTHING = f"{FOR_RUNS},abc,fbx,ray,dev,docs"
 # fmt: on
 
 Reproduce = Callable[..., "subprocess.CompletedProcess[str]"]

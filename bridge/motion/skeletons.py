@@ -131,7 +131,7 @@ class SkeletonMotion:
 def unusable(path: Path, flaw: str, remedy: str = "") -> DsnetError:
     """The line that says why a file is refused."""
     usual = "Export it with three rotations on every joint, and three positions on the root."
-    return DsnetError(f"{path}, {flaw}", "a BVH motion of a person", remedy or usual)
+    return DsnetError(f"{path}, {flaw}", "a motion of a person's skeleton", remedy or usual)
 
 
 def joints_by_name(skeleton: SkeletonMotion, joint_map: Mapping[str, str]) -> dict[str, int]:

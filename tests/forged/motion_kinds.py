@@ -25,6 +25,7 @@ from bridge.motion import Motion, load_motion
 from bridge.motion.motion import AS_IT_SAYS, HowRead
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.skeletons import OWN_NAMES
+from tests.forged import scenes
 from tests.forged.foreign_pickles import by_joblib, by_torch
 from tests.forged.walks import (
     FRAMES,
@@ -278,7 +279,21 @@ KINDS = (
          lambda: np.hstack([y_up(309), walk()[1], np.zeros((FRAMES, 10))]), 60.0),
     Kind("new_joints.npy", "joints of HumanML3D, MDM", joints_m, 60.0, differs="twists"),
     Kind("features.npy", "features of HumanML3D", lambda: np.zeros((FRAMES, 263))),
-    Kind("walk.fbx", "FBX", lambda: b"Kaydara FBX Binary"),
+    Kind("walk.fbx", "FBX, bones of all orders of rotation", scenes.fbx),
+    Kind("z_up.fbx", "FBX, z up, metres", lambda: scenes.fbx(up="z", unit_cm=100.0)),
+    Kind("takes.fbx", "FBX of two takes", lambda: scenes.fbx(takes={"short": 9, "walk": 90})),
+    Kind("no_bind.fbx", "FBX without bind pose, whose bones stand in a T",
+         lambda: scenes.fbx(bind=False, default="rest")),
+    Kind("stands.fbx", "FBX without bind pose, whose bones stand as in its first frame",
+         lambda: scenes.fbx(bind=False, default="first"), differs="collars and feet"),
+    Kind("walks.fbx", "FBX without bind pose, whose bones stand in mid-step",
+         lambda: scenes.fbx(bind=False)),
+    Kind("cut.fbx", "FBX that is cut off", lambda: b"Kaydara FBX Binary"),
+    Kind("walk.glb", "GLB with a skin", lambda: scenes.glb(*scenes.gltf())),
+    Kind("no_skin.glb", "GLB of nodes alone", lambda: scenes.glb(*scenes.gltf(skin=False))),
+    Kind("model.glb", "GLB without animation",
+         lambda: scenes.glb(*scenes.gltf(animations={"still": 0}))),
+    Kind("walk.vrma", "VRMA, bones by the extension's names", scenes.vrma),
 )  # fmt: skip
 
 
@@ -297,7 +312,8 @@ def outcome(kind: Kind, folder: Path) -> tuple[str, bool]:
 
 def reference(folder: Path, kind: Kind) -> Motion:
     """The walk on the skeleton of a BVH, or SMPL's."""
-    first = KINDS[0] if kind.file.lower().endswith(".bvh") else next(
+    of_bvh = kind.file.lower().endswith((".bvh", ".fbx", ".glb", ".vrma"))
+    first = KINDS[0] if of_bvh else next(
         one for one in KINDS if one.file == "walk.npz"
     )  # fmt: skip
     return first.read(folder)[0]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError, notify
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
-from bridge.motion.readers import amass, bvh, joints, pickles
+from bridge.motion.readers import amass, bvh, fbx, gltf, joints, pickles
 from bridge.motion.readers.listed import listed_files
 
 
@@ -41,11 +41,15 @@ class MotionReader(NamedTuple):
         return path.suffix.lower() in self.suffixes and path.stem.endswith(self.ending)
 
 
+OF_SKELETONS = ("bvh", "fbx", "gltf")
+"""Those whose joints have names."""
 READERS = {
     "amass": MotionReader(
         (".npz", ".smpl"), amass.read, amass.gender_of, is_smpl_family=amass.is_smpl_family
     ),
     "bvh": MotionReader((".bvh",), bvh.read),
+    "fbx": MotionReader((".fbx",), fbx.read),
+    "gltf": MotionReader((".glb", ".gltf", ".vrm", ".vrma"), gltf.read, gltf.gender_of),
     "moshpp": MotionReader(
         (".pkl",), pickles.read, pickles.gender_of, pickles.OF_MOSH, lambda _: True
     ),
@@ -76,9 +80,11 @@ def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     motion.
     """
     name = format_of(path)
-    if how.joint_map and name != "bvh":
+    if how.joint_map and name not in OF_SKELETONS:
         raise DsnetError(
-            f"--joint-map with {path}", "it with a BVH, whose joints have names", "Leave it out."
+            f"--joint-map with {path}",
+            "it with a BVH, FBX or glTF, whose joints have names",
+            "Leave it out.",
         )
     if how.person not in (None, 1) and name == "bvh":
         flaw = f"--person {how.person} with {path}, a BVH, of which the first person is read"
@@ -90,8 +96,8 @@ def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
         return amass.read(path, how)  # which says that there is none, or that it is a folder
     raise DsnetError(
         f"{path}, a file of type {path.suffix or 'unknown'}, which is not read",
-        "a motion of AMASS's kind (.npz, .smpl, .pkl, .pt), BVH, or places of joints (.npy)",
-        "Unpack it, or export BVH, or poses as .npz.",
+        "AMASS's kind (.npz, .smpl, .pkl, .pt), BVH, FBX, glTF, or places of joints (.npy)",
+        "Unpack it, or export one of these.",
     )
 
 

@@ -38,8 +38,13 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
         with open_regular(path, _MOST_BYTES) as file:
             lines = file.read().decode("utf-8-sig", errors="replace").splitlines()
         skeleton = _person(path, _skeletons(path, lines, how), how)
-    motion = retargeted(skeleton, how)
-    fps = how.fps or motion.fps
+    return without_rest_pose(retargeted(skeleton, how), how.fps)
+
+
+def without_rest_pose(motion: Motion, fps: float | None = None) -> Motion:
+    """The motion, of `fps` frames a second where the user says so, without the frames before it in
+    which a program finds the rest pose."""
+    fps = fps or motion.fps
     first = frames_of_rest_pose(motion.pose, fps) if fps > 0 else 0
     return replace(motion.frames(slice(first, None)), rest_pose_frames=first)
 
