@@ -25,6 +25,9 @@ Seen = dict[str, np.ndarray]
 
 def main(job: dict[str, Any]) -> None:
     """Do one job, and write its arrays to the `.npz` that it names."""
+    if job["how"] == "write":
+        write(job)
+        return
     ways = {"usd": usd, "glb": glb, "abc": abc, "cache": cache, "single": single, "bvh": bvh}
     frames = list(ways[job["how"]](job))
     scene, bones = bpy.context.scene, [len(armature.bones) for armature in bpy.data.armatures]
@@ -87,6 +90,28 @@ def bvh(job: dict[str, Any]) -> Iterator[Seen]:
         bpy.context.scene.frame_set(frame)
         heads = np.array([skeleton.pose.bones[joint].head for joint in job["joints"]])
         yield {"vertices_m": heads @ to_world[:3, :3].T + to_world[:3, 3]}
+
+
+def write(job: dict[str, Any]) -> None:
+    """A BVH as each of the files `out`: its skeleton with a mesh, without which none has a rest."""
+    for path in job["out"]:
+        new_scene(job["fps"])
+        bpy.ops.import_anim.bvh(filepath=job["path"], update_scene_duration=True)
+        [skeleton] = [thing for thing in bpy.data.objects if thing.type == "ARMATURE"]
+        heads = [bone.head_local for bone in skeleton.data.bones]
+        mesh = bpy.data.meshes.new("body")
+        ends = [(n, (n + 1) % len(heads), (n + 2) % len(heads)) for n in range(len(heads))]
+        mesh.from_pydata(heads, [], ends)
+        body = bpy.data.objects.new("body", mesh)
+        bpy.context.collection.objects.link(body)
+        body.parent, body.matrix_world = skeleton, skeleton.matrix_world
+        for number, bone in enumerate(skeleton.data.bones):
+            body.vertex_groups.new(name=bone.name).add([number], 1.0, "REPLACE")
+        body.modifiers.new("skin", "ARMATURE").object = skeleton
+        if path.endswith("fbx"):
+            bpy.ops.export_scene.fbx(filepath=path, bake_anim_simplify_factor=0.0)
+        else:
+            bpy.ops.export_scene.gltf(filepath=path)
 
 
 def new_scene(fps: int | None = None) -> None:

@@ -1,4 +1,5 @@
-"""Import what `dsnet export` writes into Blender, and compare it with what `dsnet predict` writes.
+"""Import what `dsnet export` writes into Blender, and compare it with what `dsnet predict` writes;
+read the FBX and GLB that Blender writes of an exported BVH, and compare them with that.
 
     python -m tools.try_blender
 
@@ -22,10 +23,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import posed_joints
 from bridge.body.surface_operators import vertex_normals
+from bridge.motion import load_motion
 from dsnet.prediction.controls import Controls, controlled_body
 from tools.built_wheel import ROOT
 from tools.try_pythons import find_python, last_line, run, say
@@ -49,6 +52,8 @@ ALLOWED = {
     "bones": (24, 24),
 }
 """What the page says besides where the vertices are, least and most."""
+MOST_DEG, MOST_M = 1.0, 0.01
+"""What it writes of a BVH may be so far from the BVH, as `dsnet` reads both."""
 AXES = r"\*Forward Axis\* (-?[XYZ]) and \*Up Axis\* (-?[XYZ])"
 UPRIGHT = ("height_m", "lowest_m")
 OF_USD = (*UPRIGHT, "rate_after_import", "frames_off")
@@ -85,6 +90,7 @@ def main() -> int:
         make_files(folder)
         truth = read_truth(folder / "predicted")
         tried = [works(python, way, folder, truth) for way in told_ways]
+        tried += [reads_what_it_writes(python, folder, suffix) for suffix in (".fbx", ".glb")]
     return 0 if all(tried) else 1
 
 
@@ -197,6 +203,27 @@ def works(python: str, way: BlenderImport, folder: Path, truth: Truth) -> bool:
     where = f"at frames {', '.join(map(str, truth.frames))} off by {off_mm:.4f} mm at most"
     say(f"{way.name}: {where}" + "".join(f"; FAILED: {what}" for what in wrong))
     return not wrong
+
+
+def reads_what_it_writes(python: str, folder: Path, suffix: str) -> bool:
+    """Have Blender write the exported BVH in another format, and say how far apart both are."""
+    path = folder / f"WRITTEN{suffix}"
+    job = {"how": "write", "path": "BODY.bvh", "fps": FPS, "out": [path.name]}
+    done = run([python, "-I", str(IMPORTER), json.dumps(job)], cwd=folder, timeout=COMMAND_S)
+    if done.returncode or not path.exists():
+        say(f"writing {suffix}: failed\n{done.stdout}{done.stderr}")
+        return False
+    motion, other = load_motion(path), load_motion(folder / "BODY.bvh")
+    if len(motion.theta) != len(other.theta):
+        say(f"writing {suffix}: FAILED: {len(motion.theta)} frames, not {len(other.theta)}")
+        return False
+    one, two = (Rotation.from_rotvec(read.pose.reshape(-1, 3)) for read in (motion, other))
+    off_deg = np.degrees((one.inv() * two).magnitude()).max()
+    off_m = np.abs(motion.trans_m - other.trans_m).max()
+    right = off_deg < MOST_DEG and off_m < MOST_M
+    far = f"joints off by {off_deg:.4f} degrees, root by {1e3 * off_m:.4f} mm at most"
+    say(f"{suffix} that it writes: {far}" + ("" if right else "; FAILED"))
+    return bool(right)
 
 
 def bound_mm(path: Path) -> float:

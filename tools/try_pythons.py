@@ -22,7 +22,7 @@ from pathlib import Path
 from tools.built_wheel import ROOT, asked_by, build_wheel
 
 VERSIONS = ("3.10", "3.11", "3.12", "3.13")
-TESTERS = ("filelock", "hypothesis", "pytest", "pytest-xdist")
+TESTERS = ("filelock", "hypothesis", "pytest", "pytest-xdist", "ufbx")
 TESTS = (
     "tests/bridge/test_errors.py",
     "tests/bridge/body/test_smpl_files.py",
