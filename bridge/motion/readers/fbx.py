@@ -11,15 +11,13 @@ import tempfile
 from pathlib import Path
 from typing import cast
 
-import numpy as np
-
 from bridge.errors import DsnetError
 from bridge.installation import require_package
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion, UpAxis
 from bridge.motion.readers.nodes import NodeTree, Person, followed, moving
 from bridge.motion.skeletons import SkeletonMotion, unusable
 from bridge.processes import outcome_of_module
-from bridge.runs.untrusted import file_refused, open_regular
+from bridge.runs.untrusted import file_refused, open_npz, open_regular
 
 _MOST_BYTES = 1 << 30
 _PROCESS = "bridge.motion.readers.fbx_process"
@@ -43,8 +41,8 @@ def _by_process(path: Path, how: HowRead) -> tuple[SkeletonMotion, Person, UpAxi
         if status:
             why = printed.strip().splitlines()[-1:] or ["nothing said"]
             raise ValueError(f"its reader ended with {status}: {why[0]}")
-        with np.load(out) as arrays:
-            found = dict(arrays)
+        with open_npz(out) as arrays:
+            found = {name: arrays.array(name) for name in arrays}
     if "refused" in found:
         raise DsnetError(*map(str, found["refused"]))
     if "damaged" in found:
