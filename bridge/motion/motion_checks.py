@@ -73,22 +73,23 @@ def motion_warnings(
             f"frames a second, where one of some {motion.source_fps / np.sqrt(fall_g):.0f} would "
             f"fit: if it is wrong, {rate_option} says the right one"
         )
+    # At a wrong rate everything trembles and leaps; what `auto` leaves is motion.
+    most_mm = 0.0
+    if fall_g <= MOST_FALL_G and motion.smooth_hz != "auto":
+        most_mm = max(tremor_mm(trans_m[piece], fps) for piece in pieces)
     pops = find_pops(motion, pieces)
-    if fall_g <= MOST_FALL_G and "root" not in pops.values():
+    if max(fall_g / MOST_FALL_G, most_mm / MOST_TREMOR_MM) <= 1 and "root" not in pops.values():
         pops |= _leaps(motion, pieces)
     if named := [f"{name} at {frame / fps:.2f} s" for frame, name in sorted(pops.items())]:
         lines.append(
             f"{source} moves faster than anybody can: {_first_of(named)}: "
             "if it is a fault of the recording, smooth it there, for it throws the tissue"
         )
-    # At a wrong rate everything trembles; what `auto` leaves is motion.
-    if fall_g <= MOST_FALL_G and motion.smooth_hz != "auto":
-        most_mm = max(tremor_mm(trans_m[piece], fps) for piece in pieces)
-        if most_mm > MOST_TREMOR_MM:
-            lines.append(
-                f"{source} trembles by {most_mm:.1f} mm above {TREMOR_FROM_HZ:g} Hz, as noisy "
-                f"recordings do, and shakes the tissue: {smooth_option} leaves that out"
-            )
+    if most_mm > MOST_TREMOR_MM:
+        lines.append(
+            f"{source} trembles by {most_mm:.1f} mm above {TREMOR_FROM_HZ:g} Hz, as noisy "
+            f"recordings do, and shakes the tissue: {smooth_option} leaves that out"
+        )
     return lines
 
 

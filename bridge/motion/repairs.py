@@ -28,6 +28,8 @@ _LONGEST_SPIKE_S, _LONGEST_SPIKE = 0.1, 4
 """A spike has at most as many frames, or so many where frames are far apart."""
 _BACK = 0.5
 """Of the way that it was away."""
+_LEAST_ROOT_M = 0.03
+"""Less is noise, which is smoothed."""
 _MOST_SPIKED = 0.05
 """Where more of a motion's frames are too fast, its rate is wrong, or everything else."""
 _LISTED = 5
@@ -162,6 +164,8 @@ def _comes_back(pose: NDArray, trans_m: NDArray, first: int, last: int, what: in
         step_m = trans_m[first - 1] - trans_m[max(first - 2, 0)]
         straight_m = trans_m[first - 1] + (frames - first + 1)[:, None] * step_m
         away = np.linalg.norm(trans_m[frames] - straight_m, axis=1)
+        if away[:-1].max() < _LEAST_ROOT_M:
+            return False
     return bool(away[-1] <= _BACK * away[:-1].max())
 
 
