@@ -63,7 +63,7 @@ def test_without_a_floor_bodies_show_it(tmp_path: Path, upright: Motion, pitch_d
 
 def test_bodies_that_stand_no_way_are_refused(tmp_path: Path) -> None:
     stored = of_camera(0, floor=False)
-    spin = Rotation.from_euler("x", np.linspace(0, 360, FRAMES), degrees=True).as_rotvec()
+    spin = Rotation.from_euler("x", np.linspace(0, 360, FRAMES)[:, None], degrees=True).as_rotvec()
     with pytest.raises(DsnetError, match=r"do not show where up is.*floor_plane"):
         read(tmp_path, **stored | {"root_orient": np.stack([spin, spin])})
 
