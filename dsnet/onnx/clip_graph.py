@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import onnx
-from onnx import TensorProto, helper, numpy_helper
 
 from bridge.paper import THETA_SIZE
-from dsnet.onnx.onnx_graph import IR_VERSION, OPSET
-
-_END = np.iinfo(np.int32).max
+from dsnet.onnx.onnx_graph import Graph
 
 
 def over_frames(step: onnx.ModelProto) -> onnx.ModelProto:
@@ -25,7 +22,6 @@ def over_frames(step: onnx.ModelProto) -> onnx.ModelProto:
     """
     about = {entry.key: entry.value for entry in step.metadata_props}
     late = int(about.pop("latency_frames"))
-    about = {name: text for name, text in about.items() if not name.startswith("state")}
     given = {value.name: value for value in step.graph.input}
     *shown, next_state = step.graph.output
     body = onnx.GraphProto()
@@ -33,53 +29,37 @@ def over_frames(step: onnx.ModelProto) -> onnx.ModelProto:
     del body.input[:], body.output[:]
     body.input.extend([given["state"], given["theta"]])  # betas are those of the graph around it
     body.output.extend([next_state, *shown])
-    each = [f"clip/{value.name}" for value in shown]
-    integers = {
-        "size": given["state"].type.tensor_type.shape.dim[1].dim_value,
-        "last": -1,
-        "late": late,
-        "end": _END,
-    }
-    nodes = [
-        helper.make_node("Shape", ["theta"], ["clip/count"], start=1, end=2),
-        helper.make_node("Concat", ["clip/count", "size"], ["clip/state_shape"], axis=0),
-        helper.make_node("ConstantOfShape", ["clip/state_shape"], ["clip/begin"]),
-        helper.make_node("Slice", ["theta", "last", "end"], ["clip/last"]),
-        helper.make_node("Concat", ["theta", *["clip/last"] * late], ["clip/theta"], axis=0),
-        helper.make_node(
-            "Scan",
-            ["clip/begin", "clip/theta"],
-            ["clip/end", *each],
-            body=body,
-            num_scan_inputs=1,
-        ),
-        *(
-            helper.make_node("Slice", [name, "late", "end"], [value.name])
-            for name, value in zip(each, shown, strict=True)
-        ),
-    ]
-    graph = helper.make_graph(
-        nodes,
+
+    graph = Graph()
+    theta = graph.input("theta", ("T", "B", THETA_SIZE))
+    graph.input("betas", _shape(given["betas"]))
+    with graph.section("clip"):  # the names below are none of the step's
+        size, last, end, first = (
+            graph.array(name, [number], np.int64)
+            for name, number in (
+                ("size", _shape(given["state"])[1]),
+                ("last", -1),
+                ("end", np.iinfo(np.int32).max),
+                ("first", late),
+            )
+        )
+        people = graph.apply("Shape", theta, start=1, end=2)
+        begin = graph.apply("ConstantOfShape", graph.concat([people, size], 0))
+        whole = graph.concat([theta, *[graph.apply("Slice", theta, last, end)] * late], 0)
+        _, *frames = graph.apply_many(
+            "Scan", 1 + len(shown), begin, whole, body=body, num_scan_inputs=1
+        )
+        outputs = {
+            value.name: graph.apply("Slice", each, first, end)
+            for value, each in zip(shown, frames, strict=True)
+        }
+    return graph.model(
         f"{step.graph.name}_clip",
-        [
-            helper.make_tensor_value_info("theta", TensorProto.FLOAT, ("T", "B", THETA_SIZE)),
-            given["betas"],
-        ],
-        [_with_frames(value) for value in shown],
-        [numpy_helper.from_array(np.array([n]), name) for name, n in integers.items()],
+        outputs,
+        {value.name: ("T", *_shape(value)) for value in shown},
+        {name: text for name, text in about.items() if not name.startswith("state")},
     )
-    model = helper.make_model(
-        graph,
-        ir_version=IR_VERSION,
-        opset_imports=[helper.make_opsetid("", OPSET)],
-        producer_name="dsnet",
-    )
-    helper.set_model_props(model, about)
-    onnx.checker.check_model(model)
-    return model
 
 
-def _with_frames(value: onnx.ValueInfoProto) -> onnx.ValueInfoProto:
-    """An output (B, ...) of a frame as one (T, B, ...)."""
-    shape = [dim.dim_param or dim.dim_value for dim in value.type.tensor_type.shape.dim]
-    return helper.make_tensor_value_info(value.name, TensorProto.FLOAT, ("T", *shape))
+def _shape(value: onnx.ValueInfoProto) -> list[int | str]:
+    return [dim.dim_param or dim.dim_value for dim in value.type.tensor_type.shape.dim]

@@ -9,13 +9,10 @@ import onnxruntime
 import pytest
 
 import dsnet
-from bridge.body import load_body_model
-from bridge.exchange.dsnet import Scaling, TrainedDsnet
 from dsnet.cli import main
 from dsnet.onnx.onnx_graph import GraphSession
-from dsnet.prediction.models import DsnetModel
 from dsnet.verify import draws
-from tests.forged.codec import write_codec
+from tests.forged.codec import papers_model
 
 BETAS = np.array([np.zeros(10), np.linspace(-1, 1, 10)], np.float32)
 FRAMES = 40
@@ -48,13 +45,7 @@ def test_clips_of_two_bodies_are_their_predictions(
 
 
 def test_clips_of_the_papers_network_are_its_steps(tmp_path: Path) -> None:
-    widths = (6890, 12, 8, 6, 4)
-    decoder = draws.autoencoder_weights(1, widths)
-    decoder["normaliser.mean_m"] = np.zeros((6890, 3), np.float32)
-    decoder["normaliser.scale_m"] = np.full((6890, 3), 1e-3, np.float32)
-    network = TrainedDsnet("dsnet_faithful", draws.dsnet_weights(2), Scaling.identity())
-    codec = write_codec(tmp_path / "train-ae", decoder, {"widths": widths})
-    model = DsnetModel(network, codec, load_body_model("embedded:female"))
+    model = papers_model(tmp_path / "train-ae")
     given = draws.stream(3, 5, 2)
     inputs = {name: given[name] for name in ("theta", "betas")}
     found = GraphSession(model.clip_graph({}))(**inputs)

@@ -11,16 +11,12 @@ from numpy.typing import NDArray
 from onnx.reference import ReferenceEvaluator
 
 import dsnet
-from bridge.body import load_body_model
-from bridge.exchange.dsnet import Scaling, TrainedDsnet
 from dsnet.cli import main
 from dsnet.onnx.onnx_graph import GraphSession
-from dsnet.prediction.models import DsnetModel
 from dsnet.verify import draws
-from tests.forged.codec import write_codec
+from tests.forged.codec import papers_model
 
 BETAS = np.array([np.zeros(10), np.linspace(-1, 1, 10)], np.float32)
-WIDTHS = (6890, 12, 8, 6, 4)
 
 
 def without_control_flow(graph: onnx.ModelProto) -> ReferenceEvaluator:
@@ -68,12 +64,7 @@ def test_two_small_graphs_move_a_body(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_the_papers_network_begins_with_zeros(tmp_path: Path) -> None:
-    decoder = draws.autoencoder_weights(1, WIDTHS)
-    decoder["normaliser.mean_m"] = np.zeros((6890, 3), np.float32)
-    decoder["normaliser.scale_m"] = np.full((6890, 3), 1e-3, np.float32)
-    network = TrainedDsnet("dsnet_faithful", draws.dsnet_weights(2), Scaling.identity())
-    codec = write_codec(tmp_path / "train-ae", decoder, {"widths": WIDTHS})
-    model = DsnetModel(network, codec, load_body_model("embedded:female"))
+    model = papers_model(tmp_path / "train-ae")
     (step,) = model.plain_graphs({}).values()
     given = draws.stream(3, 1, 2)
     inputs = {"theta": given["theta"][0], "betas": given["betas"]}
