@@ -2,11 +2,12 @@
 
 Four faults of recordings are looked for. A *cut* (`bridge.motion.cuts`), where the motion is
 another one. A *pop*: where a recording loses a marker, or its solver turns a limb the other way
-round and back, a leg flips within some frames; the eye sees a flicker, tissue is hit by it and
-swings for half a second. A *fall* that no body falls: a file's rate is a number that somebody
-wrote, and at twice its rate a motion is four times as violent; what gives it away is a jump.
-*Tremor*: at 15 Hz a millimetre that no eye sees is nearly a gravity of acceleration; what moves a
-body is slower than 10 Hz but for moments, so the median of what is faster measures the noise.
+round, a joint flips within some frames or the root leaps; tissue is hit by it and swings for half a
+second. What comes back at once is a spike, which `bridge.motion.repairs` takes out. A *fall* that
+no body falls: a file's rate is a number that somebody wrote, and at twice its rate a motion is four
+times as violent; what gives it away is a jump. *Tremor*: at 15 Hz a millimetre that no eye sees is
+nearly a gravity of acceleration; what moves a body is slower than 10 Hz but for moments, so the
+median of what is faster measures the noise.
 """
 
 from __future__ import annotations

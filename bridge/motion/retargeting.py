@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_PARENTS
 from bridge.body.posing import shaped_joints
+from bridge.motion.cuts import frames_of_rest_pose
 from bridge.motion.directions import angle_deg, middle, turn_deg, unit
 from bridge.motion.motion import AS_IT_SAYS, FARTHEST_M, HowRead, Motion
 from bridge.motion.rest_poses import Rest, RestTurns, leg_length, standing_up
@@ -75,8 +76,9 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
     """The motion as SMPL's joints do it, for a body of the mean shape; y up.
 
     The hips' path is scaled by the length of the legs, which also brings the file's unit to
-    metres. The file has neither shape nor gender. A skeleton is refused that lacks a joint which
-    a body needs, or whose joints the moved body cannot follow.
+    metres. The file has neither shape nor gender. A rest pose before the motion, in which a program
+    finds the skeleton, is left out (`bridge.motion.cuts`). A skeleton is refused that lacks a joint
+    which a body needs, or whose joints the moved body cannot follow.
     """
     joints = joints_by_name(skeleton, how.joint_map)
     smpl_rest_m: Rest = dict(zip(OWN_NAMES, mean_joints(), strict=True))
@@ -122,9 +124,12 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
         pose[frames] = local_rotations(world)
     if (far_m := np.abs(trans_m).max()) > FARTHEST_M:
         raise unusable(skeleton.path, f"that goes {far_m:.3g} m off", "Export it near the origin.")
+    fps = how.fps or skeleton.fps
+    first = frames_of_rest_pose(pose, fps) if fps > 0 else 0
     return Motion(
-        pack_theta(pose, trans_m), np.zeros(N_BETAS), "unknown", skeleton.fps, skeleton.fps,
-        skeleton.path, up="y", trans_of="joint", notes=tuple(notes),
+        pack_theta(pose[first:], trans_m[first:]), np.zeros(N_BETAS), "unknown",
+        skeleton.fps, skeleton.fps, skeleton.path, up="y", rest_pose_frames=first,
+        trans_of="joint", notes=tuple(notes),
     )  # fmt: skip
 
 

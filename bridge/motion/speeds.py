@@ -17,6 +17,7 @@ MOST_ROOT_G = 20.0
 """Of the root's acceleration from frame to frame: more than recorded landings have."""
 GRAVITY_M_S2 = 9.81
 WHAT_MOVES = [*SMPL_JOINT_NAMES[:N_JOINTS], "root"]
+"""Joints that turn, and the root's place: columns of `excess_speeds`."""
 _ARMS = ("neck", "head", "collar", "shoulder", "elbow", "wrist")
 _MOST_TURNS_DEG_S = np.array(
     [

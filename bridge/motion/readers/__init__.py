@@ -86,8 +86,8 @@ def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
             "it with a BVH, FBX or glTF, whose joints have names",
             "Leave it out.",
         )
-    if how.person not in (None, 1) and name == "bvh":
-        flaw = f"--person {how.person} with {path}, a BVH, of which the first person is read"
+    if how.person not in (None, 1) and name in OF_SKELETONS:
+        flaw = f"--person {how.person} with {path}, of whose skeletons the first person's is read"
         raise DsnetError(flaw, "it with a file of SMPL's arrays", "Leave it out.")
     if name is not None:
         return READERS[name].read(path, how)

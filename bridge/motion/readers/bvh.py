@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.motion.cuts import frames_of_rest_pose
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, RATES_HZ, HowRead, Motion
 from bridge.motion.retargeting import retargeted
 from bridge.motion.skeletons import SkeletonMotion, joints_by_name, unusable
@@ -33,20 +32,12 @@ _HEAD = re.compile(r"(frames|frame\s*time)\s*:\s*(\S.*)", re.IGNORECASE)
 
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
-    """Read one file; a rest pose before the motion is left out (`bridge.motion.cuts`)."""
+    """Read one file."""
     with file_refused(path, unusable, ""):
         with open_regular(path, _MOST_BYTES) as file:
             lines = file.read().decode("utf-8-sig", errors="replace").splitlines()
         skeleton = _person(path, _skeletons(path, lines, how), how)
-    return without_rest_pose(retargeted(skeleton, how), how.fps)
-
-
-def without_rest_pose(motion: Motion, fps: float | None = None) -> Motion:
-    """The motion, of `fps` frames a second where the user says so, without the frames before it in
-    which a program finds the rest pose."""
-    fps = fps or motion.fps
-    first = frames_of_rest_pose(motion.pose, fps) if fps > 0 else 0
-    return replace(motion.frames(slice(first, None)), rest_pose_frames=first)
+    return retargeted(skeleton, how)
 
 
 @dataclass

@@ -121,7 +121,9 @@ def _tree(path: Path, scene: Any, nodes: list[Any]) -> NodeTree:
     local = _matrices([kept(node.local_transform) for node in nodes])
     products = default[parents[1:]] @ local[1:]
     if np.abs(products - default[1:]).max(initial=0) > _SAME_WORLD * np.abs(default).max():
-        raise unusable(path, "whose bones pass on scales as is not read", "Apply all scales first.")
+        raise unusable(
+            path, "whose bones inherit scales in a way that is not read", "Apply all scales first."
+        )
     bind = dict[int, NDArray[np.float64]]()
     for pose in (pose for pose in each(scene.poses) if pose.is_bind_pose):
         for bone in each(pose.bone_poses):

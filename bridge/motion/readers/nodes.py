@@ -19,7 +19,6 @@ from scipy.spatial.transform import Rotation
 from bridge.errors import DsnetError
 from bridge.motion.directions import angle_deg, unit
 from bridge.motion.motion import MOST_FRAMES, HowRead, Motion, UpAxis
-from bridge.motion.readers.bvh import without_rest_pose
 from bridge.motion.retargeting import retargeted
 from bridge.motion.skeletons import SIDES, SkeletonMotion, joints_by_name, unusable
 
@@ -161,7 +160,7 @@ def followed(
 ) -> Motion:
     """The motion as SMPL's joints do it; the vertical is the user's, or else the file's."""
     up = stated_up if stated_up and how.up == "auto" else how.up
-    return without_rest_pose(retargeted(skeleton, HowRead(up, person.joint_map)))
+    return retargeted(skeleton, replace(how, up=up, joint_map=person.joint_map))
 
 
 def taken(tree: NodeTree, take: str, others: Sequence[str], fps: float) -> str:
@@ -169,7 +168,7 @@ def taken(tree: NodeTree, take: str, others: Sequence[str], fps: float) -> str:
     names = ", ".join(others)[:100]
     choice = f"{take!r}, the longest animation (not {names})," if others else "its animation"
     rest = f"its rest pose is {tree.rest_is}"
-    return f"{tree.path}: {choice} is read at {fps:g} frames a second; {rest}"
+    return f"{tree.path}: {choice} is sampled at {fps:g} frames a second; {rest}"
 
 
 def _skeleton(

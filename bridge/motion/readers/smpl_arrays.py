@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body.embedded import EMBEDDED_PREFIX
-from bridge.errors import DsnetError
 from bridge.motion.motion import (
     FARTHEST_M,
     HIGHEST_M,
@@ -150,31 +149,29 @@ def _trans(
 def _rate(path: Path, arrays: Arrays, usual_fps: float, how: HowRead, notes: list[str]) -> float:
     """Frames a second; nan where the file does not say, or says two rates, or none at all where
     the user says it."""
-    try:
-        rates = {key: _one_rate(path, key, arrays[key]) for key in RATE_KEYS if key in arrays}
-    except DsnetError as error:
-        if how.fps is None:
-            raise
-        flaw = error.received.partition(", ")[2]
-        notes.append(f"{path}, {flaw}, which is none, is read at {how.fps:g} frames a second")
-        return how.fps
+    rates = []
+    for key in (key for key in RATE_KEYS if key in arrays):
+        stated, rate_hz = _one_rate(arrays[key])
+        if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
+            flaw = f"whose {key} is {stated}"[:200]
+            if how.fps is None:
+                raise unusable(path, flaw, "Write its rate, Hz, or pass --motion-fps.")
+            notes.append(f"{path}, {flaw}, which is none, is read at {how.fps:g} frames a second")
+            return how.fps
+        rates.append(rate_hz)
     if not rates:
         return usual_fps
-    first, *others = rates.values()
-    return first if all(abs(rate / first - 1) < _SAME_RATE for rate in others) else np.nan
+    return rates[0] if all(abs(one / rates[0] - 1) < _SAME_RATE for one in rates) else np.nan
 
 
-def _one_rate(path: Path, key: str, rate: NDArray) -> float:
+def _one_rate(rate: NDArray) -> tuple[object, float]:
+    """What is stated, and Hz; nan of what is no number."""
     rate = rate.reshape(()) if rate.size == 1 else rate
     stated = text_of(rate) if rate.dtype.kind in "US" and rate.size == 1 else rate.tolist()
     try:
-        rate_hz = float(stated)
+        return stated, float(stated)
     except (TypeError, ValueError):  # of text, or of several
-        rate_hz = np.nan
-    if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
-        remedy = "Write its rate, Hz, or pass --motion-fps."
-        raise unusable(path, f"whose {key} is {stated}"[:200], remedy)
-    return rate_hz
+        return stated, np.nan
 
 
 def _betas(path: Path, arrays: Arrays, notes: list[str]) -> NDArray[np.float64]:

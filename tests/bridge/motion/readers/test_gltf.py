@@ -76,7 +76,7 @@ def test_of_several_animations_the_longest_is_read_and_told(
 ) -> None:
     motion = load_motion(written(tmp_path, *gltf(animations={"idle": 9, "walk": FRAMES, "x": 2})))
     assert is_alike(motion, reference)
-    assert "'walk', the longest animation (not idle, x), is read at 60 frames" in motion.notes[0]
+    assert "'walk', the longest animation (not idle, x), is sampled at 60 frames" in motion.notes[0]
 
 
 def test_of_two_people_the_first_is_read_and_told(tmp_path: Path, reference: Motion) -> None:

@@ -124,9 +124,9 @@ def test_a_person_whom_a_file_has_not_is_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", joints_m())
     with pytest.raises(DsnetError, match="holds one person, and not person 2"):
         load_motion(tmp_path / "a.npy", how=HowRead(person=2))
-    (tmp_path / "a.bvh").write_text("")
-    with pytest.raises(DsnetError, match=r"--person 2 with .*, a BVH"):
-        load_motion(tmp_path / "a.bvh", how=HowRead(person=2))
+    for name in ("a.bvh", "a.fbx", "a.glb"):
+        with pytest.raises(DsnetError, match=r"--person 2 with .*, of whose skeletons the first"):
+            load_motion(tmp_path / name, how=HowRead(person=2))
 
 
 def test_dictionaries_in_one_another_are_followed_once(tmp_path: Path) -> None:
