@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from difflib import get_close_matches
 
 _LONGEST = 4000
+_heard: ContextVar[list[str] | None] = ContextVar("_heard", default=None)
 
 
 def printable(text: str) -> str:
@@ -22,7 +25,21 @@ def _shortened(text: str) -> str:
 
 def notify(text: str) -> None:
     """One line on stderr about something that a user would want to know but need not mend."""
+    if (heard := _heard.get()) is not None:
+        heard.append(printable(text))
+        return
     print(f"dsnet: {printable(text)}", file=sys.stderr)  # noqa: T201
+
+
+@contextmanager
+def notices() -> Iterator[list[str]]:
+    """What is notified in this thread while the block runs, in place of stderr."""
+    heard: list[str] = []
+    before = _heard.set(heard)
+    try:
+        yield heard
+    finally:
+        _heard.reset(before)
 
 
 def did_you_mean(name: str, known: Iterable[str], remedy: str, prefix: str = "") -> str:

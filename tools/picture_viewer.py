@@ -12,9 +12,11 @@ from pathlib import Path
 from benchmarks.processes import run_as_process
 from bridge.errors import DsnetError
 from bridge.runs import Run
+from dsnet.prediction.controls import Controls
+from dsnet.view.application import opened
 from dsnet.view.clip_list import open_clip_list
-from dsnet.view.page import serving
 from dsnet.view.scene import Scene
+from dsnet.view.server import serving
 from tools.headless_chromium import PATIENCE_MS, chromium, open_page, why_missing
 
 PICTURE = Path(__file__).parents[1] / "docs" / "images" / "viewer.jpg"
@@ -45,11 +47,12 @@ def main(config: Picture) -> None:
     motion = None if run else Path("sample:jumping_jacks")
     scene = Scene(open_clip_list(run, motion))
     with (
-        serving(scene, 0) as address,
+        opened(scene, run, Controls()) as application,
+        serving(application, 0) as address,
         chromium() as browser,
-        open_page(browser, address, 1280, 760) as opened,
+        open_page(browser, address, 1280, 760) as shown,
     ):
-        page = opened.page
+        page = shown.page
         page.wait_for_selector("body[data-ready]", state="attached")
         page.evaluate(_SHOW, [config.frame, "size"])
         while not page.evaluate(_SHOWN, config.frame):

@@ -298,9 +298,11 @@ def _unpacked(sent: Any) -> tuple[Work, Any]:
 def progress(
     items: Iterable[Item] = (), *, what: str, unit: str, total: int | None = None
 ) -> tqdm[Item]:
-    """A bar on stderr, where that is a terminal: done of all, rate and time left.
+    """A bar on stderr, where that is a terminal or DSNET_PROGRESS is set: done of all, rate and
+    time left.
 
     It counts items as they are taken, or what is passed to its `update`; `total` is how many there
     will be where `items` have no length.
     """
-    return tqdm(items, desc=what, unit=unit, total=total, disable=None)
+    disabled = False if os.environ.get("DSNET_PROGRESS") else None  # None: where no terminal is
+    return tqdm(items, desc=what, unit=unit, total=total, disable=disabled)

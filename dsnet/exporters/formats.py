@@ -15,6 +15,8 @@ from bridge.installation import require_package
 class Format:
     """One way to write a moving body."""
 
+    title: str
+    """What it is, to one who chooses a format for a motion."""
     writer_name: str
     """Module and function `write(path, moving)`, which writes a `MovingBody` to a new file, or into
     an empty folder, with few frames in memory at a time."""
@@ -42,38 +44,77 @@ class Format:
         return getattr(import_module(module), name)
 
 
-def _by_keras(function: str, *suffixes: str) -> Format:
+def _by_keras(title: str, function: str, *suffixes: str) -> Format:
     writer = f"tf_dsnet.keras_files.{function}"
-    return Format(writer, suffixes, "tensorflow", "train", needs_motion=False, of_keras=True)
+    return Format(title, writer, suffixes, "tensorflow", "train", needs_motion=False, of_keras=True)
 
 
 FORMATS = {
-    "onnx": Format("dsnet.exporters.onnx_model.export_onnx", (".onnx",), needs_motion=False),
+    "onnx": Format(
+        "ONNX: one frame a call",
+        "dsnet.exporters.onnx_model.export_onnx",
+        (".onnx",),
+        needs_motion=False,
+    ),
     "onnx-clip": Format(
-        "dsnet.exporters.onnx_model.export_onnx_clip", (".onnx",), needs_motion=False
+        "ONNX: whole clips",
+        "dsnet.exporters.onnx_model.export_onnx_clip",
+        (".onnx",),
+        needs_motion=False,
     ),
-    "onnx-plain": Format("dsnet.exporters.onnx_model.export_onnx_plain", needs_motion=False),
-    "usd": Format("dsnet.exporters.usd.write", (".usd", ".usdc", ".usda"), "pxr", "usd"),
-    "pc2": Format("dsnet.exporters.mesh_files.write_pc2"),
-    "mdd": Format("dsnet.exporters.mesh_files.write_mdd"),
-    "obj": Format("dsnet.exporters.mesh_files.write_obj"),
-    "ply": Format("dsnet.exporters.mesh_files.write_ply"),
-    "glb": Format("dsnet.exporters.glb.write", (".glb",)),
-    "abc": Format("dsnet.exporters.alembic.write", (".abc",), "alembic3d", "abc"),
-    "bvh": Format("dsnet.exporters.bvh.write", (".bvh",)),
-    "npz": Format("dsnet.exporters.smpl_npz.write", (".npz",)),
-    "npz55": Format("dsnet.exporters.smpl_npz.write_smplx", (".npz",)),
-    "smpl": Format("dsnet.exporters.smpl_npz.write_smpl", (".smpl",)),
-    "gif": Format("dsnet.exporters.clips.write_gif", (".gif",), several=True),
+    "onnx-plain": Format(
+        "ONNX without control flow",
+        "dsnet.exporters.onnx_model.export_onnx_plain",
+        needs_motion=False,
+    ),
+    "usd": Format(
+        "USD: Houdini, Blender, Maya, Unreal",
+        "dsnet.exporters.usd.write",
+        (".usd", ".usdc", ".usda"),
+        "pxr",
+        "usd",
+    ),
+    "pc2": Format("point cache PC2, with its mesh", "dsnet.exporters.mesh_files.write_pc2"),
+    "mdd": Format("point cache MDD, with its mesh", "dsnet.exporters.mesh_files.write_mdd"),
+    "obj": Format("OBJ, one a frame", "dsnet.exporters.mesh_files.write_obj"),
+    "ply": Format("PLY, one a frame", "dsnet.exporters.mesh_files.write_ply"),
+    "glb": Format("glTF: Blender, Unreal, Unity, the web", "dsnet.exporters.glb.write", (".glb",)),
+    "abc": Format(
+        "Alembic: every point of every frame",
+        "dsnet.exporters.alembic.write",
+        (".abc",),
+        "alembic3d",
+        "abc",
+    ),
+    "bvh": Format("BVH: joints alone", "dsnet.exporters.bvh.write", (".bvh",)),
+    "npz": Format(
+        "NPZ: SMPL's parameters and the offsets", "dsnet.exporters.smpl_npz.write", (".npz",)
+    ),
+    "npz55": Format("NPZ of SMPL-X's 55 joints", "dsnet.exporters.smpl_npz.write_smplx", (".npz",)),
+    "smpl": Format(
+        "SMPL's parameters for Meshcapade", "dsnet.exporters.smpl_npz.write_smpl", (".smpl",)
+    ),
+    "gif": Format(
+        "GIF, an animated picture", "dsnet.exporters.clips.write_gif", (".gif",), several=True
+    ),
     "mp4": Format(
-        "dsnet.exporters.clips.write_mp4", (".mp4",), "imageio_ffmpeg", "clip", several=True
+        "MP4, a clip",
+        "dsnet.exporters.clips.write_mp4",
+        (".mp4",),
+        "imageio_ffmpeg",
+        "clip",
+        several=True,
     ),
-    "html": Format("dsnet.view.page.write", (".html",), several=True),
+    "html": Format("this page as one file", "dsnet.view.page.write", (".html",), several=True),
     "keras": Format(
-        "dsnet.exporters.keras_files.write_keras", (".keras",), needs_motion=False, of_keras=True
+        "Keras",
+        "dsnet.exporters.keras_files.write_keras",
+        (".keras",),
+        needs_motion=False,
+        of_keras=True,
     ),
-    "savedmodel": _by_keras("write_savedmodel"),
-    "tflite": _by_keras("write_tflite", ".tflite"),
+    "savedmodel": _by_keras("TensorFlow", "write_savedmodel"),
+    "tflite": _by_keras("TensorFlow Lite", "write_tflite", ".tflite"),
 }
 
 

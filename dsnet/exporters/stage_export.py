@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from bridge.errors import DsnetError, notify
-from bridge.options import NO_OPTION, PositiveInt
 from dsnet.exporters.formats import FORMATS, Format, chosen_format
 from dsnet.exporters.keras_files import keras_file
 from dsnet.exporters.output import new_path, refuse_existing
@@ -20,8 +19,6 @@ from dsnet.prediction.moving_body import MovingBody
 class ExportConfig(Controls):
     """Write a moving body as a file for another tool: 60 fps, metres, y up."""
 
-    person: Annotated[PositiveInt | None, NO_OPTION] = None
-    """An option of `dsnet predict` alone, and of Python."""
     to: str | None = None
     """Format: usd, pc2, mdd, obj, ply, glb, abc, bvh, npz, npz55, smpl, gif, mp4 or html of a
     motion. Or of a predictor alone: onnx, with its body as one graph; onnx-clip, the same of

@@ -23,7 +23,7 @@ from bridge.errors import DsnetError, notify, unknown_name
 from bridge.motion import Motion, load_motion
 from bridge.motion.motion import HowRead
 from bridge.motion.skeletons import read_joint_map
-from bridge.options import Bounds, PositiveInt, check_options, numbers_by_name
+from bridge.options import Bounds, check_options, numbers_by_name
 from bridge.paper import FPS, N_BETAS
 from dsnet.markers.bone_pose import bone_pose_of
 from dsnet.prediction.load_model import Source, TrainedModel, is_on, load_model, requested_body
@@ -59,10 +59,6 @@ class Controls(MotionOptions):
     measurements in cm and kg (height=182 weight=80 chest=100 waist=90 hips=105), or both."""
     betas: str | None = None
     """Body shape in place of the motion file's: ten shape coefficients, separated by commas."""
-
-    person: PositiveInt | None = None
-    """Whose motion of several people's in the motion file: 1 is the first; by default who is seen
-    longest."""
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Controls:

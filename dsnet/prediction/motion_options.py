@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from bridge.motion.motion import Up
-from bridge.options import PositiveFloat
+from bridge.options import PositiveFloat, PositiveInt
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,3 +32,6 @@ class MotionOptions:
     smooth_hz: PositiveFloat | Literal["auto"] | None = None
     """Cutoff in Hz of a low-pass filter on the motion, as noise of a recording shakes the skin.
     `auto` finds the cutoff that suits each moment."""
+    person: PositiveInt | None = None
+    """Whose motion of several people's in the motion file: 1 is the first; by default who is seen
+    longest."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.errors import DsnetError, notify
+from bridge.errors import DsnetError, notices, notify
 from bridge.exchange.dsnet import dsnets_of
 from bridge.motion import Motion, MotionSequence, load_motion, sequences_of, subject_shapes
 from bridge.motion.motion import HowRead
@@ -34,6 +34,8 @@ from dsnet.prediction.shape_space import with_betas_on
 
 _AVERAGE = "average shape"
 TRUTH = "truth"
+READING = ("up", "motion_fps", "smooth_hz", "floor", "person", "pose", "gender", "body")
+"""Fields of `Controls` that say how a file is read, and which body performs it."""
 _SPLIT_LABELS = {"train": "trained on", "validation": "held out", "test": "unseen"}
 
 
@@ -45,6 +47,19 @@ class Clip:
     """Loads the motion, with the betas of its subject, y up."""
     sequence: str = ""
     """Name of the run's sequence, by which the truth is looked up; empty if it has none."""
+    path: Path | None = None
+    """Its motion file or sample; None of a run's aligned sequence, which has none."""
+    controls: Controls = field(default_factory=Controls)
+    """How that file is read."""
+    told: tuple[str, ...] | None = None
+    """What is told of the motion, a line each; None: `motion_warnings` of what is shown."""
+
+    @property
+    def reading(self) -> dict[str, str] | None:
+        """Of `READING` what is not left at its default; None of what is no file."""
+        given = self.controls.given() | ({"body": self.controls.body} if self.controls.body else {})
+        words = {name: str(given[name]) for name in READING if name in given}
+        return words if self.path else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,22 +95,49 @@ def open_clip_list(
     controls : how that file is read and posed, and on which body. On another body than the
         predictor was trained on, the run's own sequences and subjects are left out.
     """
-    controls, clips = controls or Controls(), {}
+    controls = controls or Controls()
     if path is None:
-        best = controls.model(run, None)
-    else:
+        return clip_list_of(run, controls.model(run, None), {}, controls)
+    best, clip = open_file(run, path, controls)
+    for line in clip.told or ():
+        notify(line)
+    return clip_list_of(run, best, {path_title(path): clip}, controls)
+
+
+def open_file(
+    run: Run | None,
+    path: Path,
+    controls: Controls,
+    rate_option: str = "--motion-fps",
+    smooth_option: str = "--smooth-hz auto",
+) -> tuple[TrainedModel, Clip]:
+    """The clip of a motion file or a sample, and the predictor on the body that performs it.
+
+    `rate_option` and `smooth_option` are what warnings advise, see `motion_warnings`.
+    """
+    with notices() as told:
         best, motion = controls.load(run, None, path)
         moving = controlled_body(best, motion, controls)
-        of_pose = [] if controls.pose == "bony" else flesh_in_pose(motion)
-        for warning in (*motion_warnings(moving.motion, moving.pieces), *of_pose):
-            notify(warning)
-        clips[path_title(path)] = Clip(lambda: moving.motion)
+    told += motion_warnings(moving.motion, moving.pieces, rate_option, smooth_option)
+    told += [] if controls.pose == "bony" else flesh_in_pose(motion)
+    clip = Clip(lambda: moving.motion, path=path, controls=controls, told=tuple(told))
+    return best, clip
+
+
+def clip_list_of(
+    run: Run | None, best: TrainedModel, clips: Mapping[str, Clip], controls: Controls
+) -> ClipList:
+    """`clips` first, then what else the same body can show."""
+    clips = dict(clips)
     model = cache(lambda name: best if name == best.name else load_model(run, name))
     shapes = {_AVERAGE: np.zeros(best.body.shapedirs.shape[-1])}
     clip_list = ClipList(best, {best.name: best.label}, model, clips, shapes)
     if run is None or best.other_body is not None:
         paths = [Path(SAMPLE_PREFIX + name) for name in SAMPLES]
-        samples = {path_title(sample): _of_file(sample, best.body) for sample in paths}
+        # Samples name no gender, and without one a woman performs them.
+        gender = "male" if best.body.gender == "male" else controls.gender
+        asked = Controls(body=controls.body, gender=gender)
+        samples = {path_title(one): _of_file(one, best.body, controls=asked) for one in paths}
         return replace(clip_list, clips=clips | samples | clips)
     align = run.artifact(ROBUST_ALIGNMENT if run.finished(ROBUST_ALIGNMENT) else ALIGNMENT)
     for clip, split in _recorded(run, align, best.body):
@@ -146,12 +188,14 @@ def _dsnets_of(run: Run) -> dict[str, str]:
     return {name: entries[name].get("label", name) for name in dsnets_of(trained)}
 
 
-def _of_file(path: Path, body: BodyModelData, sequence: str = "") -> Clip:
+def _of_file(
+    path: Path, body: BodyModelData, sequence: str = "", controls: Controls | None = None
+) -> Clip:
     def read() -> Motion:
         motion = load_motion(path, how=HowRead(up="z"))
         return place_motion(with_betas_on(motion, body), body)
 
-    return Clip(read, sequence)
+    return Clip(read, sequence, path, controls or Controls())
 
 
 def _subject_betas(align: Artifact) -> dict[str, NDArray[np.float64]]:

@@ -1,4 +1,4 @@
-"""The viewer's page: as one HTML file that holds its assets, or from a server that makes them.
+"""The viewer's page: one HTML file that holds its assets, or loads them from a server.
 
 Its sources are in `web/`; `npm ci && npm run build` there writes `bundle/`, which is shipped.
 """
@@ -8,23 +8,13 @@ from __future__ import annotations
 import base64
 import gzip
 import html
-import json
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from functools import lru_cache
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-from bridge.errors import DsnetError
 from dsnet.exporters.output import facts_in_a_line
 from dsnet.prediction.moving_body import MovingBody
 from dsnet.view.clip_list import ClipList, clip_of, path_title
 from dsnet.view.scene import BUNDLE, Scene
 
-HOST = "127.0.0.1"
-_CACHED_ASSETS = 16
-"""Of 50 MB each at most: two motions with four tracks each, besides what every page needs."""
 _GZIP_MAGIC, _GZIP_LEVEL = b"\x1f\x8b", 6
 
 
@@ -67,64 +57,3 @@ def write(path: Path, moving: MovingBody, *others: MovingBody) -> None:
         Scene(clip_list, moving.controls, moving.loop), facts_in_a_line(moving, *others)
     )
     path.write_text(text, encoding="utf-8", newline="\n")
-
-
-@contextmanager
-def serving(scene: Scene, port: int) -> Iterator[str]:
-    """Serve the page while the block runs, and give its address; port 0 takes any that is free."""
-    page = document().encode()
-    # A lock for each, so that two tabs do not make the same asset at a time.
-    locks = {name: threading.Lock() for name in scene.assets}
-    cached_asset = lru_cache(_CACHED_ASSETS)(lambda name: scene.assets[name]())
-    for name in {"scene", "runtime", "model"} & set(locks):  # what every page loads first
-        cached_asset(name)
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            name = self.path.removeprefix("/assets/")
-            # Refuse other host names: a foreign site could point its own at this address.
-            if self.headers.get("Host") not in (f"{HOST}:{bound_port}", f"localhost:{bound_port}"):
-                self.send_error(403)
-            elif self.path == "/":
-                self._send(page, "text/html; charset=utf-8")
-            elif name in locks:
-                try:
-                    with locks[name]:
-                        asset = cached_asset(name)
-                except DsnetError as error:
-                    self._send(json.dumps({"failed": str(error)}).encode(), "application/json")
-                    return
-                self._send(asset, "application/octet-stream")
-            else:
-                self.send_error(404)
-
-        def _send(self, body: bytes, kind: str) -> None:
-            self.send_response(200)
-            self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(body)))
-            self.send_header("Cache-Control", "no-store")
-            self.end_headers()
-            with suppress(ConnectionError):  # the tab was closed
-                self.wfile.write(body)
-
-        def log_message(self, *_: object) -> None:
-            """Do not log requests."""
-
-    try:
-        server = ThreadingHTTPServer((HOST, port), Handler)
-    except OSError as error:
-        raise DsnetError(
-            f"--port {port}, where nothing can be served ({error.strerror})",
-            "a free port",
-            "Pass --port 0 for any free port, or end what serves there.",
-        ) from error
-    server.daemon_threads = True
-    bound_port = server.server_address[1]
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    try:
-        yield f"http://{HOST}:{bound_port}/"
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()

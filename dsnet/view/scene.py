@@ -67,28 +67,56 @@ class Scene:
         loop: Loop | None = None,
     ) -> None:
         self._clip_list, self._controls, self._loop = clip_list, controls or {}, loop
-        self._body, self._clips = clip_list.best.body, list(clip_list.clips.items())
+        self.body, self._clips = clip_list.best.body, list(clip_list.clips.items())
         self._live, self._plus, self.baked = self._live_predictor()
         """Why no model runs in the page; empty if one does."""
-        self.assets: dict[str, Callable[[], bytes]] = {"scene": self._scene}
+        self.assets: dict[str, Callable[[], bytes]] = {}
         """Functions that make the assets, by name; `runtime` is compressed by gzip."""
         if plus := self._plus:
             self.assets |= {
                 "runtime": (BUNDLE / "runtime.wasm.gz").read_bytes,
-                "model": lambda: plus_graph(plus, self._body, in_parts=True).SerializeToString(),
+                "model": lambda: plus_graph(plus, self.body, in_parts=True).SerializeToString(),
                 "shapes": self._shapes,
             }
-        for number, (_, clip) in enumerate(self._clips):
-            self.assets[f"motion{number}"] = partial(self._motion, number)
-            if self._plus:
-                self.assets[f"loop{number}"] = partial(self._loop_asset, number)
-            for name in self._tracks(clip):
-                self.assets[f"track{number}_{name}"] = partial(self._track, number, name)
+        for number in range(len(self._clips)):
+            self._offer(number)
+
+    @property
+    def body_model(self) -> tuple[str, str, tuple[int, ...]]:
+        """Whose body it shows: model, gender and size of its space of shapes."""
+        return self._clip_list.best.body_model, self.body.gender, self.body.shapedirs.shape
+
+    def clip(self, number: int) -> Clip:
+        """One of its motions."""
+        return self._clips[number][1]
+
+    def put(self, title: str, clip: Clip, number: int | None = None) -> int:
+        """Add a motion of the same body, or set it in place of another; gives its number."""
+        if number is None:
+            number = len(self._clips)
+            self._clips.append((title, clip))
+        self._clips[number] = title, clip
+        self._offer(number)
+        return number
+
+    def entry(self, number: int) -> dict[str, Any]:
+        """Title of a motion, the names of its tracks, and how its file is read."""
+        title, clip = self._clips[number]
+        return {"name": title, "tracks": self._tracks(clip), "reading": clip.reading}
+
+    def _offer(self, number: int) -> None:
+        """The assets of a motion, made anew when they are asked for."""
+        self.assets["scene"] = partial(self._scene)
+        self.assets[f"motion{number}"] = partial(self._motion, number)
+        if self._plus:
+            self.assets[f"loop{number}"] = partial(self._loop_asset, number)
+        for name in self._tracks(self.clip(number)):
+            self.assets[f"track{number}_{name}"] = partial(self._track, number, name)
 
     def _live_predictor(self) -> tuple[str, TrainedPlus | None, str]:
         """Name and model of the predictor that runs in the page; or why none does."""
         clip_list = self._clip_list
-        if self._body.source != "synthetic":
+        if self.body.source != "synthetic":
             why = "This body model needs a licence and is not in the page: its surface is baked in."
             return "", None, why
         for name in clip_list.predictors:
@@ -98,7 +126,7 @@ class Scene:
         return "", None, why
 
     def _scene(self) -> bytes:
-        clip_list, body, controls = self._clip_list, self._body, self._controls
+        clip_list, body, controls = self._clip_list, self.body, self._controls
         facts: dict[str, Any] = {
             "owner": clip_list.best.owner,
             "origin": clip_list.best.shows,
@@ -115,13 +143,13 @@ class Scene:
                 "loop": controls.get("loop", False),
             },
             "labels": {SMPL_ALONE: "SMPL alone", **clip_list.predictors, TRUTH: TRUTH},
-            "motions": [{"name": name, "tracks": self._tracks(clip)} for name, clip in self._clips],
+            "motions": [self.entry(number) for number in range(len(self._clips))],
         }
         return json.dumps(facts | self._facts_of_skin()).encode()
 
     def _facts_of_skin(self) -> dict[str, Any]:
         """Skinning weights and facts of the graph; without a graph one bone moves all vertices."""
-        body, plus = self._body, self._plus
+        body, plus = self.body, self._plus
         weights = bone_weights(body) if plus else np.ones((body.vertex_count, 1))
         most_bones = int((weights > 0).sum(axis=1).max())
         bones = np.argsort(-weights, axis=1, kind="stable")[:, :most_bones]
@@ -150,7 +178,7 @@ class Scene:
         shapes = {name: betas.tolist() for name, betas in self._clip_list.shapes.items()}
         for name in SHAPES:
             try:
-                shapes[name] = find_shape(self._body, [name]).tolist()
+                shapes[name] = find_shape(self.body, [name]).tolist()
             except DsnetError:  # this body cannot have it
                 continue
         return json.dumps(shapes).encode()
@@ -168,9 +196,10 @@ class Scene:
         return clip.read().frames(slice(min(most, truth.length) if truth else most))
 
     def _motion(self, number: int) -> bytes:
-        _, clip = self._clips[number]
+        clip = self.clip(number)
         whole, motion = len(clip.read().theta), self._shown(clip)
-        warnings = motion_warnings(motion)
+        told = clip.told
+        warnings = motion_warnings(motion) if told is None else [*told]
         if (left_out := whole - len(motion.theta)) and not self._clip_list.truth_of(clip):
             warnings.append(f"{left_out} of its {whole} frames are left out: pages show less")
         starts = [piece.start for piece in motion.pieces]
@@ -195,11 +224,11 @@ class Scene:
 
     def _loop_asset(self, number: int) -> bytes:
         """The motion as a loop: the cycle that is shown, after others that warm the tissue up."""
-        motion = self._shown(self._clips[number][1])
+        motion = self._shown(self.clip(number))
         try:
             if len(motion.pieces) > 1:
                 raise DsnetError("a motion with cuts", "one without", "Choose another.")
-            loop = close_loop(motion.theta, root_joint_m(self._body, motion.betas))
+            loop = close_loop(motion.theta, root_joint_m(self.body, motion.betas))
         except DsnetError as error:
             return json.dumps({"failed": str(error)}).encode()
         count = len(loop.theta)
@@ -223,10 +252,10 @@ class Scene:
         vertices are right. In a baked page offsets are posed, and SMPL alone is relative to the
         root.
         """
-        _, clip = self._clips[number]
+        clip = self.clip(number)
         motion = self._shown(clip)
-        pose, trans_m = pose_on(motion, self._body), motion.trans_m
-        alone = Smpl(self._body).person(motion.betas)
+        pose, trans_m = pose_on(motion, self.body), motion.trans_m
+        alone = Smpl(self.body).person(motion.betas)
         if name == SMPL_ALONE:
             yield alone.pose(pose, 0 * trans_m)
         elif name != TRUTH and not self.baked:
@@ -245,7 +274,7 @@ class Scene:
             moving = MovingBody(self._clip_list.open(name), motion, loop=self._loop)
             yield from ((piece.frames, piece.vertices_m) for piece in moving)
             return
-        person = Smpl(self._body).person(truth.betas(sequence))
+        person = Smpl(self.body).person(truth.betas(sequence))
         for start in range(0, len(motion.theta), _FRAMES_AT_ONCE):
             frames = slice(start, min(start + _FRAMES_AT_ONCE, len(motion.theta)))
             pose, trans_m = unpack_theta(truth.frames("theta", sequence, frames))

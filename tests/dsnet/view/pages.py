@@ -12,10 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bridge.runs import Run
 from dsnet.prediction.controls import Controls, controlled_body
+from dsnet.view.application import opened
 from dsnet.view.clip_list import open_clip_list
-from dsnet.view.page import document, serving
+from dsnet.view.page import document
 from dsnet.view.scene import Scene
+from dsnet.view.server import serving
 from tools.headless_chromium import PATIENCE_MS, OpenPage, open_page
 from tools.headless_firefox import FirefoxPage
 
@@ -114,11 +117,18 @@ class Shown:
 
 
 @contextmanager
+def serve(scene: Scene, port: int = 0, run: Run | None = None) -> Iterator[str]:
+    """The address of its page, as `dsnet view` serves it."""
+    with opened(scene, run, Controls()) as application, serving(application, port) as address:
+        yield address
+
+
+@contextmanager
 def served(
     browser: Browser, scene: Scene, width_px: int = 400, height_px: int = 300
 ) -> Iterator[Shown]:
     """Its page from a server."""
-    with serving(scene, 0) as address, open_page(browser, address, width_px, height_px) as opened:
+    with serve(scene) as address, open_page(browser, address, width_px, height_px) as opened:
         yield Shown(opened)
 
 

@@ -19,10 +19,9 @@ from bridge.motion.readers.amass import sample_path
 from dsnet.cli import main
 from dsnet.prediction.controls import root_joint_m
 from dsnet.view.clip_list import open_clip_list
-from dsnet.view.page import serving
 from dsnet.view.scene import STEP_M, Scene
 from tests.dsnet.view.conftest import JUMP
-from tests.dsnet.view.pages import BETAS, TORN, Shown, dropped, on_disk, packaged, served
+from tests.dsnet.view.pages import BETAS, TORN, Shown, dropped, on_disk, packaged, serve, served
 from tests.forged.amass import smplh
 from tools.headless_chromium import chromium, open_page, why_missing
 
@@ -126,7 +125,7 @@ def test_what_python_cannot_make_is_one_line(browser, run, monkeypatch):
         raise DsnetError("a damaged truth", "another", "Make it again.")
 
     monkeypatch.setitem(scene.assets, "track0_truth", broken)
-    with serving(scene, 0) as address, open_page(browser, address) as opened:
+    with serve(scene) as address, open_page(browser, address) as opened:
         opened.page.get_by_text("a damaged truth; expected another. Make it again.").wait_for()
         assert np.isfinite(Shown(opened).vertices_m("dsnet_plus", 3)).all()
         assert opened.errors == []
@@ -319,7 +318,7 @@ Worker.prototype.postMessage = function (job, ...more) {
 
 def test_a_frame_that_failed_is_asked_for_again(browser):
     with (
-        serving(packaged(), 0) as address,
+        serve(packaged()) as address,
         open_page(browser, address, before=_FAILS_ONCE) as opened,
     ):
         shown = Shown(opened)
@@ -336,7 +335,7 @@ def test_a_frame_that_failed_is_asked_for_again(browser):
 )
 def test_a_browser_that_cannot_is_told_so(browser, run, missing, words):
     with (
-        serving(Scene(open_clip_list(run, None)), 0) as address,
+        serve(Scene(open_clip_list(run, None))) as address,
         open_page(browser, address, before=missing) as opened,
     ):
         opened.page.get_by_text(words).wait_for()

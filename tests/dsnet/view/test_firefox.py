@@ -9,8 +9,7 @@ import pytest
 
 from bridge.motion.readers.amass import sample_path
 from dsnet.cli import main
-from dsnet.view.page import serving
-from tests.dsnet.view.pages import BETAS, TORN, Shown, dropped, packaged
+from tests.dsnet.view.pages import BETAS, TORN, Shown, dropped, packaged, serve
 from tools.headless_firefox import FirefoxPage, firefox, why_missing
 
 pytestmark = [
@@ -30,7 +29,7 @@ def test_bodies_are_those_of_predict_after_any_jump_in_any_shape(page, tmp_path,
     motion = tmp_path / "a.npz"
     with np.load(sample_path("dancing")) as sample:
         np.savez(motion, **{**sample, "gender": np.array(gender)})
-    with serving(packaged(motion), 0) as address:
+    with serve(packaged(motion)) as address:
         page.goto(address)
         shown = Shown(page)
         shown.moves_as_predicted(motion, -1, 0, 131)
@@ -40,7 +39,7 @@ def test_bodies_are_those_of_predict_after_any_jump_in_any_shape(page, tmp_path,
 
 
 def test_what_plays_is_what_rests_and_a_file_dropped_onto_it_plays(page, tmp_path):
-    with serving(packaged(), 0) as address:
+    with serve(packaged()) as address:
         page.goto(address)
         shown = Shown(page)
         shown.surveyed()
