@@ -1,0 +1,47 @@
+// Controls of the motion, of time and of what is shown.
+import { play, seek } from "./clock.js";
+import { inkOf } from "./curves.js";
+import { $, dragged, make } from "./dom.js";
+import { choose } from "./motions.js";
+import { bindSlider } from "./sliders.js";
+import { COLOURS } from "./stage.js";
+import { allNames, canShow, state } from "./state.js";
+
+const NOTICES = { synthetic: "Synthetic: body and flesh are simulated, not measured.", "synthetic flesh": "Synthetic flesh: simulated, not measured." };
+
+export function controls() {
+  const { scene: { start, baked, origin, motions } } = state;
+  $("notice").textContent = [NOTICES[origin], baked].filter(Boolean).join(" ");
+  for (const id of ["shape", "own", "loops"]) $(id).hidden = Boolean(baked);
+  motions.forEach(({ name }, i) => $("motion").add(new Option(name, i)));
+  $("motion").onchange = () => choose(+$("motion").value);
+  $("loop").checked = start.loop;
+  $("loop").onchange = () => choose(state.motion.number);
+  shownControls(motions.some(({ tracks }) => tracks.includes("truth")));
+  timeControls();
+  dragged($("bar"), ({ clientX }) => { state.wipeAt = Math.min(Math.max(clientX / $("view").clientWidth, 0), 1); });
+}
+
+function shownControls(hasTruth) {
+  const names = allNames(), { labels } = state.scene;
+  $("scale").style.background = `linear-gradient(to top, ${COLOURS.map((c) => `rgb(${c})`)})`;
+  for (const name of names) {
+    const row = make("label", { className: "check", hidden: name === "truth" && !hasTruth }), key = make("i", { className: "key" });
+    const box = make("input", { id: `show-${name}`, type: "checkbox", checked: ["smpl", "truth", names[1]].includes(name) });
+    key.style.background = inkOf(name, names);
+    row.append(box, key, labels[name]);
+    $("shown").append(row);
+    box.onchange = () => { if (box.checked && !canShow(name)) choose(state.motion.number); };
+    $("tags").append(make("span", { id: `tag-${name}`, className: "tag", hidden: true, textContent: labels[name] }));
+  }
+  if (!hasTruth) $("colouring").options[2].remove();
+}
+
+function timeControls() {
+  const moves = { ArrowLeft: -1, ArrowRight: 1, Home: -Infinity, End: Infinity };
+  bindSlider($("speed"), 1, () => {});
+  $("play").onclick = () => play(!state.playing);
+  $("curves").onkeydown = ({ key }) => { if (moves[key]) seek(Math.round(state.time) + moves[key]); };
+  document.onkeydown = (event) => { if (event.key === " " && event.target.tagName !== "BUTTON") { event.preventDefault(); play(!state.playing); } };
+  dragged($("curves"), ({ clientX }) => { const { left, width } = $("curves").getBoundingClientRect(); seek(((clientX - left) / width) * (state.motion.count - 1)); });
+}
