@@ -149,6 +149,7 @@ class Application:
         if to not in FORMATS or not FORMATS[to].needs_motion:
             raise DsnetError(f"format {to!r}", "one of the list", "Choose another.")
         controls = _with(clip.controls, shown, SHOWN)
+        controls.check()
         words = ["export", "--to", to, "--motion", str(clip.path), *_words(controls)]
         if self.run is not None:
             count = len(predictors) if FORMATS[to].several else 1

@@ -90,7 +90,7 @@ class _Handler(BaseHTTPRequestHandler):
                     self._send(self.server.asset(int(number), name), "application/octet-stream")
             case ["formats"]:
                 self._answer(self.server.application.formats)
-            case ["export"]:
+            case ["export", "state"]:
                 self._answer(self.server.application.export_state)
             case ["export", "file"]:
                 self._send_export()

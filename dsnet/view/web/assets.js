@@ -1,19 +1,13 @@
 // Assets: in the page or on its server, gzipped or not.
 import { bytesOf } from "./body.js";
 import { $ } from "./dom.js";
+import { fetched } from "./server.js";
 
 export async function asset(name) {
   const embedded = $(`asset:${name}`);
   const bytes = embedded ? bytesOf(embedded.textContent) : await fetched(name);
   if (bytes[0] !== 0x1f || bytes[1] !== 0x8b) return bytes.buffer;
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
-}
-
-async function fetched(name) {
-  const response = await fetch(`assets/${name}`).catch(() => null);
-  if (!response?.ok) throw new Error("the server does not answer: start `dsnet view` again");
-  if (response.headers.get("content-type") === "application/json") throw new Error((await response.json()).failed);
-  return new Uint8Array(await response.arrayBuffer());
 }
 
 export async function json(name) {

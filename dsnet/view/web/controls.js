@@ -3,6 +3,7 @@ import { play, seek } from "./clock.js";
 import { inkOf } from "./curves.js";
 import { $, dragged, make } from "./dom.js";
 import { choose } from "./motions.js";
+import { isServed } from "./server.js";
 import { bindSlider } from "./sliders.js";
 import { COLOURS } from "./stage.js";
 import { allNames, canShow, state } from "./state.js";
@@ -12,7 +13,9 @@ const NOTICES = { synthetic: "Synthetic: body and flesh are simulated, not measu
 export function controls() {
   const { scene: { start, baked, origin, motions } } = state;
   $("notice").textContent = [NOTICES[origin], baked].filter(Boolean).join(" ");
-  for (const id of ["shape", "own", "loops"]) $(id).hidden = Boolean(baked);
+  for (const id of ["shape", "loops"]) $(id).hidden = Boolean(baked);
+  $("own").hidden = Boolean(baked) && !isServed();
+  for (const other of document.querySelectorAll(isServed() ? ".disk" : ".served")) other.hidden = true;
   motions.forEach(({ name }, i) => $("motion").add(new Option(name, i)));
   $("motion").onchange = () => choose(+$("motion").value);
   $("loop").checked = start.loop;

@@ -1,7 +1,10 @@
-// A motion file of one's own: dropped onto the page, or chosen.
+// A motion file of one's own: dropped onto the page, or chosen. Python reads it where it serves the
+// page; a page from a disk reads AMASS's kind itself.
 import { GENDERS, readAmass } from "./amass.js";
 import { $, say } from "./dom.js";
-import { choose } from "./motions.js";
+import { choose, showOwner } from "./motions.js";
+import { sendFile } from "./reading.js";
+import { isServed } from "./server.js";
 import { state } from "./state.js";
 
 export function dropControls() {
@@ -11,20 +14,25 @@ export function dropControls() {
 }
 
 async function openFile(file) {
+  try { await (isServed() ? sendFile(file) : readFile(file)); } catch ({ message }) {
+    say(message.startsWith(file.name) ? message : `${file.name}: ${message}`);
+    showOwner();
+  }
+}
+
+async function readFile(file) {
   const { scene } = state;
-  try {
-    if (scene.baked) throw new Error("this page holds no model, only what was baked into it: dsnet view --motion FILE");
-    const read = readAmass(new Uint8Array(await file.arrayBuffer()), scene.most_frames);
-    const isOther = read.gender !== scene.gender && [read.gender, scene.gender].every((one) => GENDERS.includes(one));
-    if ((!read.embedded || isOther) && read.betas.some((beta) => beta !== 0)) {
-      const origin = read.embedded ? `a ${read.gender} body's, the body is ${scene.gender}` : "another body model's";
-      read.betas = read.betas.map(() => 0);
-      read.says.push(`Its betas are ${origin}: the mean shape is taken. By its markers: dsnet view --motion FILE.`);
-    }
-    state.dropped = { ...read, name: file.name };
-    $("motion").options[scene.motions.length]?.remove();
-    $("motion").add(new Option(`${file.name} (yours)`, scene.motions.length));
-    state.motion = null;
-    await choose(scene.motions.length);
-  } catch (error) { say(`${file.name}: ${error.message}`); }
+  if (scene.baked) throw new Error("this page holds no model, only what was baked into it: dsnet view --motion FILE");
+  const read = readAmass(new Uint8Array(await file.arrayBuffer()), scene.most_frames);
+  const isOther = read.gender !== scene.gender && [read.gender, scene.gender].every((one) => GENDERS.includes(one));
+  if ((!read.embedded || isOther) && read.betas.some((beta) => beta !== 0)) {
+    const origin = read.embedded ? `a ${read.gender} body's, the body is ${scene.gender}` : "another body model's";
+    read.betas = read.betas.map(() => 0);
+    read.says.push(`Its betas are ${origin}: the mean shape is taken. By its markers: dsnet view --motion FILE.`);
+  }
+  state.dropped = { ...read, name: file.name };
+  $("motion").options[scene.motions.length]?.remove();
+  $("motion").add(new Option(`${file.name} (yours)`, scene.motions.length));
+  state.motion = null;
+  await choose(scene.motions.length);
 }

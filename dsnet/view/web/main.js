@@ -6,10 +6,13 @@ import { play, seek, turn } from "./clock.js";
 import { controls } from "./controls.js";
 import { $, say } from "./dom.js";
 import { dropControls } from "./dropped.js";
+import { exportControls } from "./exports.js";
 import { surveyed } from "./frames.js";
 import { gainControls } from "./gains.js";
 import { startModel, work } from "./model.js";
 import { choose, person } from "./motions.js";
+import { readingControls } from "./reading.js";
+import { firstMotion, isServed } from "./server.js";
 import { loadShapes, shapeControls } from "./shapes.js";
 import { Stage } from "./stage.js";
 import { state } from "./state.js";
@@ -22,11 +25,12 @@ async function main() {
   if (typeof WebAssembly !== "object") throw new Error("this browser runs no WebAssembly, which the model needs");
   startModel(surveyed);
   for (const start of [controls, gainControls, shapeControls, dropControls]) start();
+  if (isServed()) for (const start of [readingControls, exportControls]) start();
   const [model, wasm] = await parts;
   work("open", { scene, model, wasm }, model ? [model, wasm] : []);
   work("gains", { gains: state.gains });
   state.stage.warm(); // while the model opens
-  await choose(0);
+  await choose(firstMotion);
   if (!scene.baked) loadShapes();
   requestAnimationFrame(turn);
 }

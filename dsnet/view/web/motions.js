@@ -4,7 +4,7 @@ import { $, say } from "./dom.js";
 import { work } from "./model.js";
 import { hasOriginalShape, state } from "./state.js";
 
-export const changes = new EventTarget(); // "shape": another motion or other betas
+export const changes = new EventTarget(); // "motion": another one; "shape": another motion or other betas
 let request = 0;
 
 export async function choose(number, looped = $("loop").checked && !state.scene.baked) {
@@ -24,7 +24,12 @@ export async function choose(number, looped = $("loop").checked && !state.scene.
     perform({ ...next, number, tracks: Object.keys(tracks) }, tracks, why);
     say(missing.join(" "));
   } catch (error) { say(error.message); }
-  $("who").textContent = `${scene.owner} · ${state.motion?.count ?? 0} frames, ${state.motion?.fps ?? 60} fps`;
+  showOwner();
+}
+
+export function showOwner() {
+  const { scene: { owner }, motion } = state;
+  $("who").textContent = `${owner} · ${motion?.count ?? 0} frames, ${motion?.fps ?? 60} fps`;
 }
 
 function perform({ theta, ...motion }, tracks, why) {
@@ -36,7 +41,7 @@ function perform({ theta, ...motion }, tracks, why) {
   forget();
   work("perform", { motion, theta, tracks, betas: state.betas, epoch: state.epoch }, Object.values(tracks));
   $("odd").textContent = [why, ...motion.says].filter(Boolean).join("; ");
-  changes.dispatchEvent(new Event("shape"));
+  for (const change of ["shape", "motion"]) changes.dispatchEvent(new Event(change));
 }
 
 // Drop all frames and curves.

@@ -2,6 +2,7 @@
 import { json } from "./assets.js";
 import { $, say } from "./dom.js";
 import { changes, person } from "./motions.js";
+import { ask, isServed, shownScene } from "./server.js";
 import { showValue, slider } from "./sliders.js";
 import { state } from "./state.js";
 
@@ -11,6 +12,9 @@ export function shapeControls() {
   for (let i = 0; i < 10; i++)
     slider("betas", `beta${i}`, `β${i + 1}`, { min: -5, max: 5, step: 0.01 }, 0, (value) => person(state.betas.with(i, value)));
   changes.addEventListener("shape", showShape);
+  $("words").parentElement.hidden = !isServed();
+  $("words").onchange = () => ask("shape", { scene: shownScene, words: $("words").value }).then(
+    ({ betas }) => person(betas), (error) => say(error.message));
 }
 
 export const loadShapes = () => json("shapes").then((value) => { named = value; if (state.motion) showShape(); }, (error) => say(error.message));
