@@ -44,10 +44,15 @@ class OpenPage:
     errors: list[str] = field(default_factory=list)
     """Errors on its console, exceptions that nobody caught, addresses outside of this machine."""
 
+    warnings: list[str] = field(default_factory=list)
+    """Warnings on its console, but for the driver's on pixels that are read back."""
+
     def note(self, message: ConsoleMessage) -> None:
-        """Keep an error of the console."""
+        """Keep an error or a warning of the console."""
         if message.type == "error":
             self.errors.append(message.text)
+        elif message.type == "warning" and "GL Driver Message" not in message.text:
+            self.warnings.append(message.text)
 
 
 @contextmanager

@@ -29,5 +29,5 @@ export function turn(now) {
   const a = state.frames.get(one), b = state.frames.get(then);
   if (!a || (!b && next !== one)) return; // the shown frame stays, and time waits
   state.time = next;
-  show(a, b, next - one);
+  show(a, b, next - one, passed / 1000);
 }

@@ -1,5 +1,5 @@
 // Controls of the motion, of time and of what is shown.
-import { play, seek } from "./clock.js";
+import { seek } from "./clock.js";
 import { inkOf } from "./curves.js";
 import { $, dragged, make } from "./dom.js";
 import { choose } from "./motions.js";
@@ -8,9 +8,12 @@ import { bindSlider } from "./sliders.js";
 import { COLOURS } from "./stage.js";
 import { allNames, canShow, state } from "./state.js";
 
+const DARK = "(prefers-color-scheme: dark)";
 const NOTICES = { synthetic: "Synthetic: body and flesh are simulated, not measured.", "synthetic flesh": "Synthetic flesh: simulated, not measured." };
 
 export function controls() {
+  paint();
+  matchMedia(DARK).addEventListener("change", paint);
   const { scene: { start, baked, origin, motions } } = state;
   $("notice").textContent = [NOTICES[origin], baked].filter(Boolean).join(" ");
   for (const id of ["shape", "loops"]) $(id).hidden = Boolean(baked);
@@ -21,15 +24,16 @@ export function controls() {
   $("loop").checked = start.loop;
   $("loop").onchange = () => choose(state.motion.number);
   shownControls(motions.some(({ tracks }) => tracks.includes("truth")));
-  timeControls();
+  bindSlider($("speed"), 1, () => {});
+  dragged($("curves"), ({ clientX }) => { const { left, width } = $("curves").getBoundingClientRect(); seek(((clientX - left) / width) * (state.motion.count - 1)); });
   dragged($("bar"), ({ clientX }) => { state.wipeAt = Math.min(Math.max(clientX / $("view").clientWidth, 0), 1); });
 }
 
 function shownControls(hasTruth) {
   const names = allNames(), { labels } = state.scene;
-  $("scale").style.background = `linear-gradient(to top, ${COLOURS.map((c) => `rgb(${c})`)})`;
+  $("scale").style.background = `linear-gradient(to right, ${COLOURS.map((c) => `rgb(${c})`)})`;
   for (const name of names) {
-    const row = make("label", { className: "check", hidden: name === "truth" && !hasTruth }), key = make("i", { className: "key" });
+    const row = make("label", { className: "check", hidden: name === "truth" && !hasTruth }), key = make("i");
     const box = make("input", { id: `show-${name}`, type: "checkbox", checked: ["smpl", "truth", names[1]].includes(name) });
     key.style.background = inkOf(name, names);
     row.append(box, key, labels[name]);
@@ -40,11 +44,8 @@ function shownControls(hasTruth) {
   if (!hasTruth) $("colouring").options[2].remove();
 }
 
-function timeControls() {
-  const moves = { ArrowLeft: -1, ArrowRight: 1, Home: -Infinity, End: Infinity };
-  bindSlider($("speed"), 1, () => {});
-  $("play").onclick = () => play(!state.playing);
-  $("curves").onkeydown = ({ key }) => { if (moves[key]) seek(Math.round(state.time) + moves[key]); };
-  document.onkeydown = (event) => { if (event.key === " " && event.target.tagName !== "BUTTON") { event.preventDefault(); play(!state.playing); } };
-  dragged($("curves"), ({ clientX }) => { const { left, width } = $("curves").getBoundingClientRect(); seek(((clientX - left) / width) * (state.motion.count - 1)); });
+// The stage in the style's colours, light or dark.
+function paint() {
+  const style = getComputedStyle(document.documentElement);
+  state.stage.paint(...["--stage", "--grid"].map((name) => style.getPropertyValue(name)));
 }

@@ -1,6 +1,6 @@
 // Curves over time: mean offsets, or mean distances to the truth.
-const INKS = { smpl: "#8a8178", truth: "#2f6f4f" };
-const MORE = ["#963d7c", "#d0762a", "#2c6aa0", "#b8a02c"];
+const INKS = { smpl: "var(--ink-smpl)", truth: "var(--ink-truth)" }; // page.css
+const MORE = [1, 2, 3, 4].map((i) => `var(--ink-${i})`);
 const SVG = "http://www.w3.org/2000/svg";
 
 export const inkOf = (name, names) => INKS[name] ?? MORE[names.filter((one) => !INKS[one]).indexOf(name) % MORE.length];

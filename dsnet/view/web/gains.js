@@ -6,14 +6,15 @@ import { forget } from "./motions.js";
 import { bindSlider, slider } from "./sliders.js";
 import { state } from "./state.js";
 
+const MOST = 3; // beyond it flesh is no flesh any more; an option may still ask for more
 let partWeights, timer = 0;
 
 export function gainControls() {
   const { start, parts, part_weights } = state.scene;
   partWeights = numbersOf(part_weights, Float32Array);
-  start.parts.forEach((gain, i) => slider("parts", `part${i}`, parts[i].replace("_", " "), { min: 0, max: Math.max(5, gain), step: 0.05 }, gain,
+  start.parts.forEach((gain, i) => slider("parts", `part${i}`, parts[i].replace("_", " "), { min: 0, max: Math.max(MOST, gain), step: 0.05 }, gain,
                                           (value) => { start.parts[i] = value; gained(); }));
-  $("gain").max = Math.max(5, start.gain);
+  $("gain").max = Math.max(MOST, start.gain);
   bindSlider($("gain"), start.gain, (value) => { start.gain = value; gained(); });
   spread();
 }

@@ -9,6 +9,7 @@ import { dropControls } from "./dropped.js";
 import { exportControls } from "./exports.js";
 import { surveyed } from "./frames.js";
 import { gainControls } from "./gains.js";
+import { keyControls } from "./keys.js";
 import { startModel, work } from "./model.js";
 import { choose, person } from "./motions.js";
 import { readingControls } from "./reading.js";
@@ -24,7 +25,7 @@ async function main() {
   try { state.stage = new Stage($("view"), state.body); } catch { throw new Error("this browser draws no WebGL: switch on its hardware acceleration, or take another one"); }
   if (typeof WebAssembly !== "object") throw new Error("this browser runs no WebAssembly, which the model needs");
   startModel(surveyed);
-  for (const start of [controls, gainControls, shapeControls, dropControls]) start();
+  for (const start of [controls, gainControls, shapeControls, dropControls, keyControls]) start();
   if (isServed()) for (const start of [readingControls, exportControls]) start();
   const [model, wasm] = await parts;
   work("open", { scene, model, wasm }, model ? [model, wasm] : []);

@@ -5,10 +5,14 @@ import { between } from "./frames.js";
 import { allNames, canShow, shownNames, state } from "./state.js";
 
 const SCALES_MM = [1, 1.5, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200];
+const LEGENDS = {
+  size: ["size of the offset", "How far the flesh is from SMPL's skin. Not zero at rest: it is zero in the T-pose, and gravity has turned since."],
+  apart: ["distance to the truth", "How far the skin is from where it should be."],
+};
 let curves;
 
-// Show the moment between two frames.
-export function show(a, b, fraction) {
+// Show the moment between two frames; passed: seconds since the last drawing.
+export function show(a, b, fraction, passed) {
   const { stage } = state, names = shownNames(), layout = $("layout").value, hasTruth = canShow("truth");
   const colouring = $("colouring").value === "apart" && !hasTruth ? "none" : $("colouring").value;
   const key = [state.epoch, state.time, names, colouring].join();
@@ -17,35 +21,42 @@ export function show(a, b, fraction) {
     const { rest, bones, root, ...offsets } = between(a, b, fraction);
     const truth = colouring === "apart" && !names.includes("truth") ? ["truth"] : [];
     for (const name of [...names, ...truth]) stage.pose(name, { rest, bones }, offsets[name], name === "truth" ? null : state.gains);
-    state.root = root;
+    const [x, , z] = [6, 7, 8].map((row) => bones[(row * bones.length) / 12]); // of the root, where its axis z points
+    Object.assign(state, { root, facing: Math.atan2(x, z) });
   }
   const scaleMm = SCALES_MM.find((mm) => mm >= 1000 * (state.full[colouring] ?? 0.02)) ?? 200;
   stage.colour(names, colouring, scaleMm / 1000);
   const stays = $("stay").checked ? state.root : [0, 0, 0];
-  stage.draw(layout, state.wipeAt, names, [stays[0], $("floor").checked ? state.low : 0, stays[2]]);
+  stage.draw(layout, state.wipeAt, names, [stays[0], $("floor").checked ? state.low : 0, stays[2]], passed);
   tags(layout, names);
-  $("legend").hidden = colouring === "none";
-  $("most").textContent = `${scaleMm} mm and more`;
-  $("what").textContent = colouring === "apart" ? "distance to the truth" : "size of the offset";
+  legend(colouring, scaleMm);
   plot(names, names.includes("truth") ? "apart" : "size");
   document.body.dataset.ready ??= String(performance.now());
 }
 
+function legend(colouring, scaleMm) {
+  const [what, about] = LEGENDS[colouring] ?? ["", ""];
+  $("legend").hidden = !what;
+  $("most").textContent = `${scaleMm} mm and more`;
+  $("what").textContent = what;
+  $("about").textContent = about;
+}
+
+// Labels: each in the middle of its view; one below the other if bodies overlie; on both sides of a wipe.
 function tags(layout, names) {
-  const { stage, wipeAt, root } = state;
+  const { wipeAt } = state, { clientWidth: wide, clientHeight: high } = $("view"), views = layout === "side" ? names.length : 1;
   $("bar").hidden = layout !== "wipe" || names.length < 2;
   $("bar").style.left = `${100 * wipeAt}%`;
-  const { clientWidth: wide, clientHeight: high } = $("view");
+  $("tags").style.setProperty("--views", Math.max(1, views));
   for (const name of allNames()) {
-    const tag = $(`tag-${name}`), i = names.indexOf(name);
-    tag.hidden = i < 0 || (layout === "wipe" && i > 1);
+    const tag = $(`tag-${name}`), i = names.indexOf(name), wipes = layout === "wipe" && names.length > 1;
+    tag.hidden = i < 0 || (wipes && i > 1);
     if (tag.hidden) continue;
-    tag.style.maxWidth = layout === "side" ? `${wide / names.length - 4}px` : "";
-    const half = tag.offsetWidth / 2;
-    let [x, y] = stage.above(name, root);
-    if (layout === "wipe") [x, y] = [wipeAt * wide + (i ? half + 26 : -half - 26), 0.8 * high + 12];
-    if (layout === "overlay") y = Math.max(y, 4 + 26 * names.length) - 26 * (names.length - 1 - i);
-    tag.style.transform = `translate(${Math.min(Math.max(x - half, 4), wide - 2 * half - 4)}px, ${Math.min(Math.max(y - 24, 6), high - 60)}px)`;
+    tag.style.maxWidth = `${wide / views - 8}px`;
+    const half = tag.offsetWidth / 2, row = layout === "overlay" ? i : 0;
+    let x = ((layout === "side" ? i : 0) + 0.5) * (wide / views);
+    if (wipes) x = wipeAt * wide + (i ? half + 10 : -half - 10);
+    tag.style.transform = `translate(${Math.min(Math.max(x - half, 4), wide - 2 * half - 4)}px, ${10 + 27 * row}px)`;
   }
 }
 

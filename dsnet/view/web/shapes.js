@@ -20,7 +20,7 @@ export function shapeControls() {
 export const loadShapes = () => json("shapes").then((value) => { named = value; if (state.motion) showShape(); }, (error) => say(error.message));
 
 function showShape() {
-  const { betas, motion } = state, options = { "who moved": motion.betas, ...named };
+  const { betas, motion } = state, options = { "shape of the motion's performer": motion.betas, ...named };
   betas.slice(0, 10).forEach((beta, i) => { $(`beta${i}`).value = beta; showValue($(`beta${i}`), beta); });
   const near = (a, b) => a.every((x, i) => Math.abs(x - b[i]) < 1e-4);
   const now = Object.keys(options).find((name) => near(options[name], betas)) ?? "as set";

@@ -1,8 +1,8 @@
-// Drawing by three.js: bodies side by side, overlaid or under a wipe, coloured by a number per vertex.
+// Drawing by three.js: bodies in views side by side, overlaid or under a wipe, coloured by a number per vertex.
 import {
   BufferAttribute, BufferGeometry, Color, DataTexture, DirectionalLight, DynamicDrawUsage, Fog,
-  GridHelper, HemisphereLight, LinearFilter, Mesh, MeshStandardMaterial, PCFSoftShadowMap,
-  PerspectiveCamera, PlaneGeometry, Scene, ShadowMaterial, SRGBColorSpace, Vector3, WebGLRenderer,
+  GridHelper, HemisphereLight, LinearFilter, Mesh, MeshStandardMaterial, PCFShadowMap,
+  PerspectiveCamera, PlaneGeometry, Scene, ShadowMaterial, SRGBColorSpace, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { distances } from "./body.js";
@@ -11,8 +11,9 @@ import { distances } from "./body.js";
 export const COLOURS = [[252, 240, 178], [254, 196, 136], [253, 154, 106], [246, 110, 92], [224, 76, 103],
                         [188, 57, 120], [150, 44, 128], [114, 31, 129], [76, 17, 122], [37, 18, 85]];
 const CLAY = [219, 196, 178];
-const BACKGROUND = 0xf3f1ee;
-const APART_M = 1.35;
+const HEIGHT_M = 2.56, WIDTH_M = 1.7; // of what is in view at first, about TARGET
+const TARGET = [0, 0.9, 0], ANGLE = 0.1; // where the camera looks, and from where about the vertical: 0 is from +z
+const TURN_S = 20; // one turn of the turntable
 
 // A texture of colours in a row, which is looked up by one number and interpolated.
 const texture = (colours) => Object.assign(new DataTexture(new Uint8Array(colours.flatMap((colour) => [...colour, 255])), colours.length, 1), {
@@ -25,18 +26,18 @@ export class Stage {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
     this.renderer.setScissorTest(true);
     this.renderer.shadowMap.enabled = true;
-    this.renderer.shadowMap.type = PCFSoftShadowMap;
+    this.renderer.shadowMap.type = PCFShadowMap;
     this.scene = new Scene();
-    this.scene.background = new Color(BACKGROUND);
-    this.scene.fog = new Fog(BACKGROUND, 9, 22);
+    this.scene.background = new Color();
+    this.scene.fog = new Fog(0, 9, 22);
     this.camera = new PerspectiveCamera(28, 1, 0.1, 60);
-    this.camera.position.set(0.5, 1.15, 5);
     this.controls = new OrbitControls(this.camera, canvas);
-    this.controls.target.set(0, 0.95, 0);
     this.controls.maxPolarAngle = 0.515 * Math.PI; // above the floor, also from afar
     this.controls.minDistance = 0.8;
     this.controls.maxDistance = 14;
+    this.controls.autoRotateSpeed = 60 / TURN_S;
     this.lights();
+    this.grid.material.vertexColors = false;
     this.clay = texture([CLAY]);
     this.palette = texture(COLOURS);
     this.palette.offset.x = 0.5 / COLOURS.length; // the middle of the first colour
@@ -97,48 +98,82 @@ export class Stage {
     }
   }
 
-  // Move the camera so that all bodies are in view, also on an upright phone.
-  fit(bodies) {
+  // Colours around the bodies, as CSS writes them.
+  paint(background, grid) {
+    this.scene.background.set(background);
+    this.scene.fog.color.set(background);
+    this.grid.material.color.set(grid);
+  }
+
+  // Fit the camera to the size of a view, and, if it or their number is new, its distance: a body fits, also on an upright phone.
+  fit(views) {
     const { clientWidth: width, clientHeight: height } = this.canvas, ratio = Math.min(devicePixelRatio, 2);
-    const fitted = [bodies, width, height, ratio].join();
+    const fitted = [views, width, height, ratio].join();
     if (this.fitted === fitted) return;
+    const isFirst = !this.fitted;
     this.fitted = fitted;
     this.renderer.setPixelRatio(ratio);
     this.renderer.setSize(width, height, false);
-    this.camera.aspect = width / height;
+    this.camera.aspect = width / views / height;
     this.camera.updateProjectionMatrix();
-    const high = Math.tan((this.camera.fov * Math.PI) / 360), away = this.camera.position.clone().sub(this.controls.target);
-    away.setLength(Math.max(1.24 / high, (0.5 * APART_M * (bodies - 1) + 0.85) / (high * this.camera.aspect)));
-    this.camera.position.copy(this.controls.target).add(away);
+    if (isFirst) this.reset();
+    else this.back();
+  }
+
+  // The camera as it was at first.
+  reset() {
+    this.controls.autoRotate = false;
+    this.controls.target.set(...TARGET);
+    this.camera.position.set(0, TARGET[1] + 0.04, 1);
+    this.back();
+    this.look(ANGLE);
+  }
+
+  // To the distance at which a body is in view.
+  back() {
+    const { camera, controls: { target } } = this, slope = Math.tan((camera.fov * Math.PI) / 360);
+    const distance = Math.max(HEIGHT_M, WIDTH_M / camera.aspect) / 2 / slope;
+    camera.position.sub(target).setLength(distance).add(target);
     this.controls.update();
   }
 
-  // layout: "side", "overlay" or "wipe"; at: position of the wipe, 0 to 1; root: position that stays in place.
-  draw(layout, at, shown, root) {
-    const side = layout === "side";
-    this.fit(side ? shown.length : 1);
+  // From another side, at the same distance and height; angle: about the vertical, 0 is from +z.
+  look(angle) {
+    const { camera: { position }, controls } = this, { target } = controls;
+    const away = Math.hypot(position.x - target.x, position.z - target.z);
+    position.set(target.x + away * Math.sin(angle), position.y, target.z + away * Math.cos(angle));
+    controls.update();
+  }
+
+  get turns() { return this.controls.autoRotate; }
+  set turns(on) { this.controls.autoRotate = on; }
+
+  // What is drawn where: in each view these bodies, by the one camera; of it what lies between `from` and `to`.
+  // All are shares of the canvas's width.
+  views(layout, at, shown) {
+    const [left, right] = shown, whole = { x: 0, width: 1 };
+    if (layout === "wipe" && right) return [{ names: [left], ...whole, from: 0, to: at }, { names: [right], ...whole, from: at, to: 1 }];
+    if (layout !== "side" || !right) return [{ names: shown, ...whole, from: 0, to: 1 }];
+    return shown.map((name, i) => ({ names: [name], x: i / shown.length, width: 1 / shown.length, from: i / shown.length, to: (i + 1) / shown.length }));
+  }
+
+  // layout: "side", "overlay" or "wipe"; at: position of the wipe, 0 to 1; root: position that stays in place; passed: seconds since the last drawing.
+  draw(layout, at, shown, root, passed = 0) {
+    this.fit(layout === "side" ? Math.max(1, shown.length) : 1);
+    if (this.turns) this.controls.update(passed);
     this.grid.position.x = -root[0] % 0.5;
     this.grid.position.z = -root[2] % 0.5;
     shown.forEach((name, i) => {
       const { position, material } = this.figure(name), see = layout === "overlay" && i === 0 && shown.length > 1;
-      position.set((side ? APART_M * (i - (shown.length - 1) / 2) : 0) - root[0], -root[1], -root[2]);
+      position.set(-root[0], -root[1], -root[2]);
       if (material.transparent !== see) Object.assign(material, { transparent: see, opacity: see ? 0.4 : 1, depthWrite: !see, needsUpdate: true });
     });
-    const { renderer, canvas: { clientWidth: width, clientHeight: height } } = this, [left, right] = shown;
-    const halves = layout === "wipe" && right ? [[[left], 0, at], [[right], at, 1]] : [[shown, 0, 1]];
-    for (const [names, from, to] of halves) {
+    const { renderer, canvas: { clientWidth: wide, clientHeight: high } } = this;
+    for (const { names, x, width, from, to } of this.views(layout, at, shown)) {
       for (const name in this.bodies) this.bodies[name].visible = names.includes(name);
-      renderer.setScissor(from * width, 0, (to - from) * width, height);
+      renderer.setViewport(x * wide, 0, width * wide, high);
+      renderer.setScissor(from * wide, 0, (to - from) * wide, high);
       renderer.render(this.scene, this.camera);
     }
-  }
-
-  // Position of the label above a body whose root is at `root`, pixels.
-  above(name, root) {
-    const { geometry, position } = this.bodies[name], { array } = geometry.attributes.position;
-    let top = -Infinity;
-    for (let i = 1; i < array.length; i += 3) top = Math.max(top, array[i]);
-    const { x, y } = new Vector3(root[0], top + 0.06, root[2]).add(position).project(this.camera);
-    return [(x * 0.5 + 0.5) * this.canvas.clientWidth, (0.5 - y * 0.5) * this.canvas.clientHeight];
   }
 }

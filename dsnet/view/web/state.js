@@ -3,13 +3,14 @@ import { $ } from "./dom.js";
 
 export const state = {
   scene: null, body: null, stage: null, // main.js, once
-  motion: null, betas: null, root: [0, 0, 0], // motions.js; the root's position is that of the drawn frame
+  motion: null, betas: null, // motions.js
   dropped: null, // dropped.js: the motion of a dropped file
   gains: null, // gains.js: one a vertex
   epoch: 0, frames: new Map(), // motions.js makes all frames anew; frames.js requests them
   rows: [], full: {}, low: 0, // frames.js: results of the survey of the whole motion
   time: 0, playing: true, // clock.js: time in frames
   drawn: "", plotted: "", // seen.js: of what the bodies and the curves are
+  root: [0, 0, 0], facing: 0, // seen.js: where the root is, and where it looks, an angle about the vertical; 0 is +z
   wipeAt: 0.5, // controls.js
 };
 

@@ -134,7 +134,7 @@ def test_what_python_cannot_make_is_one_line(browser, run, monkeypatch):
 def test_another_shape_has_no_truth(with_truth):
     with_truth.page.evaluate("(betas) => page.person(betas)", BETAS)
     with_truth.until("document.getElementById('tag-truth').hidden")
-    with_truth.set(person="who moved")
+    with_truth.set(person="shape of the motion's performer")
     with_truth.until("!document.getElementById('tag-truth').hidden")
 
 
