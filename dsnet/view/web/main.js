@@ -39,7 +39,7 @@ async function main() {
 // For tests and measurements.
 window.page = {
   seek, readAmass, person, play,
-  get time() { return state.time; }, get frames() { return state.frames; }, get motion() { return state.motion; }, get stage() { return state.stage; }, get curves() { return state.rows; },
+  get time() { return state.time; }, get betas() { return state.betas; }, get frames() { return state.frames; }, get motion() { return state.motion; }, get stage() { return state.stage; }, get curves() { return state.rows; },
 };
 
 main().catch((error) => { say(error.message); });

@@ -48,6 +48,14 @@ def dancing(browser) -> Iterator[Shown]:
 
 
 @pytest.fixture(scope="module")
+def file(browser, tmp_path_factory) -> Iterator[Shown]:
+    """A page from a disk, which reads AMASS's files itself."""
+    with on_disk(browser, tmp_path_factory.mktemp("page") / "a.html", packaged()) as shown:
+        yield shown
+        assert shown.errors == []
+
+
+@pytest.fixture(scope="module")
 def with_truth(browser, run) -> Iterator[Shown]:
     with served(browser, Scene(open_clip_list(run, None))) as shown:
         yield shown
@@ -184,13 +192,13 @@ def test_a_baked_body_plays(browser, run, tmp_path):
 
 @pytest.mark.parametrize("up", ["y", "z"])
 @pytest.mark.parametrize("rate", [60, 50, 59.94, 100, 120.00004577636719])
-def test_a_file_is_read_as_python_reads_it(dancing, tmp_path, rate, up):
+def test_a_file_is_read_as_python_reads_it(file, tmp_path, rate, up):
     with np.load(sample_path("dancing")) as sample:
         arrays = {**sample, "mocap_framerate": np.array(rate), "betas": np.linspace(-1, 1, 16)}
     if up == "y":
         arrays |= y_up(arrays)
     np.savez_compressed(tmp_path / "a.npz", **arrays)
-    found, expected = _read(dancing, tmp_path / "a.npz"), load_motion(tmp_path / "a.npz")
+    found, expected = _read(file, tmp_path / "a.npz"), load_motion(tmp_path / "a.npz")
     np.testing.assert_allclose(np.reshape(found["theta"], (-1, 69)), expected.theta, atol=1e-12)
     np.testing.assert_array_equal(found["betas"], expected.betas)
     assert found["gender"] == expected.gender
@@ -218,9 +226,9 @@ def _read(shown: Shown, path: Path) -> dict[str, Any]:
         ({"fps": 119.0, "mocap_time_length": 5 / 120}, ""),
     ],
 )
-def test_what_a_file_says_is_taken_as_python_takes_it(dancing, tmp_path, changed, words):
+def test_what_a_file_says_is_taken_as_python_takes_it(file, tmp_path, changed, words):
     np.savez_compressed(tmp_path / "a.npz", **{**smplh(), **changed})
-    found, expected = _read(dancing, tmp_path / "a.npz"), load_motion(tmp_path / "a.npz")
+    found, expected = _read(file, tmp_path / "a.npz"), load_motion(tmp_path / "a.npz")
     assert found["gender"] == expected.gender
     np.testing.assert_array_equal(found["betas"], expected.betas)
     assert found["frames"] == len(expected.theta)
@@ -251,7 +259,7 @@ def test_a_dropped_motion_plays_as_predicted(browser, tmp_path, source, gender, 
     changed = {"mocap_framerate": 100, "betas": np.linspace(-1, 1, 16)}
     with np.load(sample_path("walking")) as sample:
         np.savez(tmp_path / "mine.npz", **{**sample, **changed, "source": source, "gender": gender})
-    with served(browser, packaged()) as shown:
+    with on_disk(browser, tmp_path / "a.html", packaged()) as shown:
         shown.page.set_input_files("#file", str(tmp_path / "mine.npz"))
         shown.until("page.motion?.name === 'mine.npz'")
         said = shown.page.inner_text("#odd")
@@ -289,22 +297,22 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("words", HOSTILE)
-def test_a_hostile_file_is_one_line_and_what_played_plays_on(dancing, tmp_path, words):
+def test_a_hostile_file_is_one_line_and_what_played_plays_on(file, tmp_path, words):
     np.savez_compressed(tmp_path / "a.npz", **{**smplh(), **HOSTILE[words]})
-    before = dancing.page.evaluate("page.motion.name")
-    said = dropped(dancing, tmp_path / "a.npz")
+    before = file.page.evaluate("page.motion.name")
+    said = dropped(file, tmp_path / "a.npz")
     assert words in said
     assert "\n" not in said
-    assert dancing.page.evaluate("page.motion.name") == before
+    assert file.page.evaluate("page.motion.name") == before
 
 
 @pytest.mark.parametrize(
     ("bytes_", "words"),
     [(b"HIERARCHY\n", "need Python"), (b"PK\x03\x04broken", "damaged"), (b"", "no .npz")],
 )
-def test_what_is_no_npz_is_one_line(dancing, tmp_path, bytes_, words):
+def test_what_is_no_npz_is_one_line(file, tmp_path, bytes_, words):
     (tmp_path / "a.bvh").write_bytes(bytes_)
-    assert words in dropped(dancing, tmp_path / "a.bvh")
+    assert words in dropped(file, tmp_path / "a.bvh")
 
 
 _FAILS_ONCE = """const send = Worker.prototype.postMessage;

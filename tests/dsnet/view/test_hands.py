@@ -14,8 +14,7 @@ import pytest
 from PIL import Image
 
 from bridge.motion.readers.amass import sample_path
-from dsnet.view.page import serving
-from tests.dsnet.view.pages import Shown, packaged
+from tests.dsnet.view.pages import Shown, packaged, serve
 from tools.headless_chromium import chromium, open_page, why_missing
 
 if TYPE_CHECKING:
@@ -52,7 +51,7 @@ def motion(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def page(browser, motion) -> Iterator[Shown]:
-    with serving(packaged(motion), 0) as address, open_page(browser, address, 686, 400) as opened:
+    with serve(packaged(motion)) as address, open_page(browser, address, 686, 400) as opened:
         yield Shown(opened)
         assert opened.errors == []
         assert opened.warnings == []
@@ -91,7 +90,7 @@ def value(shown: Shown, expression: str) -> Any:
 
 
 def test_colours_are_on_at_first_and_the_legend_tells_of_gravity(browser, motion):
-    with serving(packaged(motion), 0) as address, open_page(browser, address, 686, 400) as opened:
+    with serve(packaged(motion)) as address, open_page(browser, address, 686, 400) as opened:
         shown = Shown(opened)
         assert value(shown, "document.getElementById('colouring').value") == "size"
         assert "gravity" in shown.page.inner_text("#about")
