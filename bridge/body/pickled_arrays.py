@@ -11,6 +11,8 @@ from typing import Any, Literal
 import numpy as np
 import scipy.sparse as sp
 
+from bridge.runs.untrusted import text_of
+
 MOST_BYTES = 1 << 29
 """Of an array in a body's file: SMPL-X's pose blend shapes take 122 MB, those of SMPL's surface cut
 four times as fine 137."""
@@ -61,6 +63,14 @@ def as_array(value: Any) -> np.ndarray:
         case Record("csc" | "csr" | "coo", _, dict(state)):
             return _dense(value.kind, state)
     raise UnpicklingError(f"a {type(value).__name__} in place of an array")
+
+
+def plain_text(value: Any) -> Any:
+    """The text that one of NumPy's strings is; anything else as it is."""
+    if isinstance(value, Record) and value.kind == "scalar":
+        scalar = as_array(value)
+        return text_of(scalar) if scalar.dtype.kind in "US" else value
+    return value
 
 
 def holds_objects(dtype: Record) -> bool:

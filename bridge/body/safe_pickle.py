@@ -21,7 +21,14 @@ from typing import IO, Any
 
 import numpy as np
 
-from bridge.body.pickled_arrays import Record, array_parts, dtype_of, holds_objects, whole_numbers
+from bridge.body.pickled_arrays import (
+    Record,
+    array_parts,
+    dtype_of,
+    holds_objects,
+    plain_text,
+    whole_numbers,
+)
 from bridge.runs.untrusted import NpyHeader
 
 MOST_OPCODES = 200_000
@@ -181,11 +188,12 @@ def _append(target: Any, items: list[Any]) -> None:
 
 
 def _set(target: Any, items: list[Any]) -> None:
+    keys = [plain_text(key) for key in items[::2]]
     # Tuples that hold one another a million times over can be made, but not hashed.
-    names = all(isinstance(key, (str, bytes, int)) for key in items[::2])
+    names = all(isinstance(key, (str, bytes, int)) for key in keys)
     if not isinstance(target, dict) or not names:
         raise UnpicklingError("a dictionary with keys that are no names")
-    target.update(zip(items[::2], items[1::2], strict=True))
+    target.update(zip(keys, items[1::2], strict=True))
 
 
 def _global_named(module: Any, name: Any) -> Global:

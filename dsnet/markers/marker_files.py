@@ -15,7 +15,7 @@ from bridge.errors import DsnetError
 from bridge.motion import Motion, load_motion
 from bridge.motion.markers import MarkerFile, marker_file_refused, refused
 from bridge.motion.motion import AS_IT_SAYS, Y_UP_FROM_Z_UP, HowRead
-from bridge.motion.readers import format_of
+from bridge.motion.readers import format_of, read_motion_file
 from bridge.motion.readers.amass import motion_path
 from bridge.motion.readers.c3d import POSE_ENDINGS, c3d_beside, is_c3d, read_c3d
 from bridge.motion.readers.markers import markers_beside_poses
@@ -153,6 +153,9 @@ def marker_file(path: Path) -> Path | None:
     with marker_file_refused(path):
         if is_c3d(path) or format_of(path) == "moshpp":
             return path
+        if format_of(path) == "video":
+            markers = read_motion_file(path).markers
+            return markers and markers.path
         if path.suffix == ".npz":
             with open_npz(path) as archive:
                 markers = markers_beside_poses(archive, path)

@@ -86,3 +86,19 @@ def stageii(known: Known, per_frame: int = 1) -> dict[str, Any]:
             "cfg": {"surface_model": {"gender": "female"}, "mocap": {"ds_rate": per_frame}},
         },
     }
+
+
+def older_stageii(known: Known) -> dict[Any, Any]:
+    """MoSh++'s older layout: names by frame, of markers that were seen in it, and text of NumPy."""
+    pose, points = pose_arrays(), sampled(known, gaps=0.02)
+    labels, seen = np.array(list(VERTICES)), ~np.isnan(points).any(axis=2)
+    fields = {
+        "pose_est_fullposes": pose["poses"],
+        "pose_est_trans": pose["trans"],
+        "shape_est_betas": pose["betas"],
+        "pose_est_obmrks": [places[own] for places, own in zip(points, seen, strict=True)],
+        "pose_est_mrk_labels": [list(labels[own]) for own in seen],
+        "mocap_framerate": 60.0,
+        "ps": {"gender": np.str_("female"), "fitting_model": "smplh"},
+    }
+    return {np.str_(name): value for name, value in fields.items()}

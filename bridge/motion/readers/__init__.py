@@ -38,7 +38,7 @@ class MotionReader(NamedTuple):
 
     def knows(self, path: Path) -> bool:
         """Whether a file is of this format, by its name."""
-        return path.suffix.lower() in self.suffixes and path.stem.endswith(self.ending)
+        return path.suffix.lower() in self.suffixes and path.stem.lower().endswith(self.ending)
 
 
 OF_SKELETONS = ("bvh", "fbx", "gltf")

@@ -1,14 +1,15 @@
 """Pickles, torch files and dictionaries in `.npy`: of MoSh++, of generators, of models that see
 people in videos, of datasets.
 
-MoSh++'s `*_stageii.pkl` (AMASS's `poses` are its `fullpose`; its rate is that of the recording, of
-which it may have fitted every other frame, `ds_rate`), AIST++ (`smpl_poses`, `smpl_trans`,
-`smpl_scaling`, 60 frames a second), 3DPW (a list of people's in place of each array, 30 frames a
-second), EMDB (under `smpl`), WHAM (people by number; plain or by joblib, compressed or not), GVHMR
-(`smpl_params_global`), PromptHMR (`people`, `smplx_world`), PHC (motions by name), GRAB (`.npz`
-with `body`), and any other dictionary of SMPL's arrays, however deep it lies. What they hold is
-read by `bridge.body.safe_pickle`, which runs nothing, and without PyTorch. Poses in the space of a
-camera alone are refused: nobody knows there where the floor is.
+MoSh++'s `*_stageii.pkl` (AMASS's `poses` are its `fullpose`, or `pose_est_fullposes` in the older
+layout, as SAMP's; its rate is that of the recording, of which it may have fitted every other frame,
+`ds_rate`), AIST++ (`smpl_poses`, `smpl_trans`, `smpl_scaling`, 60 frames a second), 3DPW (a list of
+people's in place of each array, 30 frames a second), EMDB (under `smpl`), WHAM (people by number;
+plain or by joblib, compressed or not), GVHMR (`smpl_params_global`), PromptHMR (`people`,
+`smplx_world`), PHC (motions by name), GRAB (`.npz` with `body`), and any other dictionary of SMPL's
+arrays, however deep it lies. What they hold is read by `bridge.body.safe_pickle`, which runs
+nothing, and without PyTorch. Poses in the space of a camera alone are refused: nobody knows there
+where the floor is.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body.containers import load_torch
-from bridge.body.pickled_arrays import as_array
-from bridge.body.safe_pickle import MOST_OPCODES, load_restricted, load_restricted_item
+from bridge.body.pickled_arrays import as_array, plain_text
+from bridge.body.safe_pickle import load_restricted, load_restricted_item
 from bridge.errors import DsnetError
 from bridge.motion.markers import MarkerFile
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
 from bridge.motion.readers.joint_rotations import unusable
-from bridge.motion.readers.markers import from_mosh, within
+from bridge.motion.readers.markers import OLDER, from_mosh, within
 from bridge.motion.readers.smpl_arrays import motion_of
 from bridge.motion.readers.smpl_fields import (
     BODY_KEYS,
@@ -65,6 +66,11 @@ _DEEPEST = 5
 _DETAILS = "stageii_debug_details"
 
 
+def is_moshs(path: Path) -> bool:
+    """Whether a file is MoSh++'s, by its name."""
+    return path.stem.lower().endswith(OF_MOSH)
+
+
 def gender_of(path: Path) -> str | None:
     """The gender that a file states; the whole file is read. A damaged one is refused if it is
     MoSh++'s by its name."""
@@ -72,7 +78,7 @@ def gender_of(path: Path) -> str | None:
         with file_refused(path, unusable, _REMEDY):
             return gender_in_file(_opened(path))
     except DsnetError:
-        if path.stem.endswith(OF_MOSH):
+        if is_moshs(path):
             raise
         return None
 
@@ -86,7 +92,7 @@ def gender_in_file(stored: Any) -> str | None:
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file; of several people the one who is seen longest, or who is meant."""
     motion, people = motion_in(path, _opened(path), how)
-    if path.stem.endswith(OF_MOSH):
+    if is_moshs(path) or people[0].keys() & {_DETAILS, *OLDER}:
         motion = replace(motion, markers=MarkerFile(path, partial(from_mosh, people[0])))
     return motion
 
@@ -122,7 +128,6 @@ def motion_in(path: Path, stored: Any, how: HowRead) -> tuple[Motion, list[Mappi
 def _opened(path: Path) -> Any:
     """What a file holds."""
     with file_refused(path, unusable, _REMEDY), open_regular(path, _MOST_FILE_BYTES) as file:
-        most = _MOST_OPCODES if path.stem.endswith(OF_MOSH) else MOST_OPCODES
         begins = file.read(2)
         file.seek(0)
         match begins:
@@ -131,10 +136,10 @@ def _opened(path: Path) -> Any:
             case b"\x93N":  # of an .npy
                 return load_restricted_item(file)
             case b"x\x01" | b"x\x5e" | b"x\x9c" | b"x\xda" | b"\x1f\x8b":
-                return load_restricted(inflated(file, _MOST_INFLATED_BYTES), most)
+                return load_restricted(inflated(file, _MOST_INFLATED_BYTES), _MOST_OPCODES)
             case b"BZ" | b"\xfd7" | b"]\0":
                 raise ValueError("it is compressed by bz2 or lzma: unpack it")
-        return load_restricted(file, most)
+        return load_restricted(file, _MOST_OPCODES)
 
 
 def _people(
@@ -197,6 +202,7 @@ def _arrays(person: Mapping[str, Any]) -> dict[str, NDArray]:
 def _gender(person: Mapping[str, Any]) -> Any:
     """As it is stated, or as MoSh++ was configured."""
     configured = within(person, _DETAILS, "cfg", "surface_model", "gender")
+    configured = plain_text(within(person, "ps", "gender") or configured)
     return person.get("gender", person.get("genders", configured))
 
 

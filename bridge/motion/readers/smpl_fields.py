@@ -12,14 +12,16 @@ from bridge.body.pickled_arrays import Record, as_array
 from bridge.motion.motion import MOST_FRAMES
 from bridge.runs.untrusted import text_of
 
-WHOLE_KEYS = ("poses", "pose", "smpl_poses", "fullpose", "pose_aa", "local_rot_aa")
-"""Hands and face stand in the same array."""
+WHOLE_KEYS = ("poses", "pose", "smpl_poses", "fullpose", "pose_aa", "local_rot_aa",
+              "pose_est_fullposes")  # fmt: skip
+"""Hands and face stand in the same array. The last is MoSh++'s older name, as `pose_est_trans` and
+`shape_est_betas`."""
 POSE_KEYS = (*WHOLE_KEYS, "bodyPose")
 ROOT_KEYS = ("root_orient", "global_orient", "poses_root")
 BODY_KEYS = ("pose_body", "body_pose", "poses_body")
 TRANS_KEYS = ("trans", "transl", "smpl_trans", "bodyTranslation", "translation", "trans_orig",
-              "root_trans")  # fmt: skip
-BETAS_KEYS = ("betas", "shapeParameters", "beta", "shape", "pred_shape")
+              "root_trans", "pose_est_trans")  # fmt: skip
+BETAS_KEYS = ("betas", "shapeParameters", "beta", "shape", "pred_shape", "shape_est_betas")
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate", "frame_rate", "frameRate")
 FACES = {"pose_jaw": 3, "pose_eye": 6}, {"headPose": 9}
 HANDS = (

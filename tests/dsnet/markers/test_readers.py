@@ -22,7 +22,15 @@ from dsnet.markers.marker_files import Markers, marker_file, markers_of
 from dsnet.markers.registration import register
 from dsnet.markers.segments import SEGMENTS
 from tests.forged.c3d import c3d
-from tests.forged.markers import VERTICES, Known, markers_in, pose_arrays, sampled, stageii
+from tests.forged.markers import (
+    VERTICES,
+    Known,
+    markers_in,
+    older_stageii,
+    pose_arrays,
+    sampled,
+    stageii,
+)
 from tests.forged.markers import marker_file as amass_file
 
 LABELS = list(VERTICES)
@@ -64,6 +72,57 @@ def test_a_result_of_mosh_is_a_motion_with_markers(
     assert found.motion.gender == "female"
     assert found.markers.vertices == VERTICES
     assert found.markers.fps == 60
+
+
+@pytest.mark.parametrize("name", ["take_stageII.pkl", "chair_mo001.pkl"])
+@pytest.mark.parametrize("protocol", [2, 5])
+def test_the_older_layout_is_read_as_the_newer_one(
+    known: Known, tmp_path: Path, protocol: int, name: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(pickle.dumps(older_stageii(known), protocol))
+    found = load_recording(path)
+    same_person(found, known)
+    assert found.motion.gender == "female"
+    there = [found.markers.labels.index(label) for label in LABELS]
+    gaps = np.isnan(found.markers.points_m[:, there]).any(axis=2)
+    np.testing.assert_array_equal(gaps, np.isnan(sampled(known, gaps=0.02)).any(axis=2))
+    assert marker_file(path) == path
+
+
+@pytest.mark.parametrize("by_frame", [True, False])
+def test_the_older_layout_in_an_npz_is_read_too(
+    known: Known, tmp_path: Path, by_frame: bool
+) -> None:
+    stored = {str(key): value for key, value in older_stageii(known).items() if key != "ps"}
+    stored["pose_est_obmrks"] = points = sampled(known)
+    labels = [LABELS] * len(points) if by_frame else LABELS
+    np.savez(tmp_path / "take.npz", **(stored | {"pose_est_mrk_labels": np.array(labels)}))
+    same_person(load_recording(tmp_path / "take.npz"), known)
+
+
+@pytest.mark.parametrize(
+    ("labels", "words"),
+    [
+        ([LABELS], "names of 1 frames beside places of"),
+        ([[3]] * 240, "no text"),
+        ("LBUST", "no list of names"),
+        ([[f"{n}A"] for n in range(240)], "shape mismatch|could not"),
+    ],
+)
+def test_names_of_the_older_layout_that_fit_nothing_are_refused(
+    known: Known, tmp_path: Path, labels: Any, words: str
+) -> None:
+    fields = older_stageii(known)
+    count = len(fields[np.str_("pose_est_obmrks")])
+    if isinstance(labels, list) and len(labels) > 1:
+        labels = labels[:1] * count if labels[0] == [3] else (labels * 2)[:count]
+    if labels and labels[0] == [3]:
+        fields["pose_est_obmrks"] = [np.zeros((1, 3))] * count
+    (tmp_path / "take.pkl").write_bytes(pickle.dumps(fields | {"pose_est_mrk_labels": labels}))
+    with pytest.raises(DsnetError, match=words) as caught:
+        load_recording(tmp_path / "take.pkl")
+    assert "\n" not in str(caught.value)
 
 
 def test_every_other_frame_that_mosh_fitted_is_at_half_the_rate(
