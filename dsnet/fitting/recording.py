@@ -19,7 +19,8 @@ from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
 from bridge.tissue.oscillators import node_loads
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.markers.bone_pose import bone_motion
-from dsnet.markers.marker_files import load_recording, markers_of
+from dsnet.markers.lone import Lone, lone_motion
+from dsnet.markers.marker_files import is_lone, load_recording, markers_of
 from dsnet.markers.registration import SPOTS, Registered, register
 from dsnet.markers.segments import SEGMENTS, Cloud, Frame, Pose, faster, segment_frames
 from dsnet.markers.skin import at_spots
@@ -86,7 +87,8 @@ class Recording:
 def read_recording(path: Path, body: BodyModelData) -> Recording:
     """Read the part of a motion file that is fitted, and take the pose of its chest from markers.
 
-    Betas are fitted to the markers if those of the file are of another body model.
+    Betas are fitted to the markers if those of the file are of another body model; pose and betas
+    to those on bone if no pose lies beside a recording.
 
     Raises
     ------
@@ -94,7 +96,10 @@ def read_recording(path: Path, body: BodyModelData) -> Recording:
         If the file has no markers, none on bone of the chest or none on soft tissue, if its longest
         piece without a cut is too short, or if its frame rate contradicts gravity.
     """
-    motion = with_betas_on(load_recording(path), body, warn=False)
+    if is_lone(path):
+        motion = lone_motion(body, Lone.read(path))
+    else:
+        motion = with_betas_on(load_recording(path), body, warn=False)
     markers = markers_of(motion)
     motion = motion.about_root_joint(root_joint_m(body, motion.betas))
     registered = register(body, motion, markers)

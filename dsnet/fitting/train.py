@@ -16,6 +16,7 @@ from bridge.errors import DsnetError, notify
 from bridge.exchange import save_weights
 from bridge.exchange.weights import refuse_nonfinite
 from bridge.motion.readers import files_below, read_motion_file
+from bridge.paper import N_BETAS
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.files import json_sha256, sha256_of, write_text_atomically
 from bridge.runs.run import TRAIN_MARKERS, TRAIN_PLUS
@@ -25,7 +26,7 @@ from dsnet.fitting.fit import Estimate, fit_subject
 from dsnet.fitting.population import RegionFit, combine
 from dsnet.fitting.recording import Recording, read_recording
 from dsnet.fitting.tissue_patch import Region, with_changes
-from dsnet.markers.marker_files import marker_file
+from dsnet.markers.marker_files import is_lone, lone_files, marker_file
 from dsnet.markers.registration import SOFT
 from dsnet.pictures.page_templates import fill_template
 from dsnet.prediction.load_model import TrainedModel, load_model
@@ -75,7 +76,8 @@ def train_on_markers(run: Run, folder: Path) -> None:
 def subjects_of(folder: Path, gender: str | None) -> tuple[str, list[_Subject], dict[str, str]]:
     """Find the subjects of a folder whose motions have markers, all of one gender.
 
-    Motions with other betas are taken as another subject's.
+    Motions with other betas are taken as another subject's, recordings without poses as those of
+    one subject a folder. What files' readers say of them is told.
 
     Parameters
     ----------
@@ -92,34 +94,39 @@ def subjects_of(folder: Path, gender: str | None) -> tuple[str, list[_Subject], 
     """
     if not folder.is_dir():
         raise DsnetError(f"--markers {folder}", "a folder of motions with markers", "Check it.")
-    files_of: dict[tuple[str, tuple[float, ...]], dict[str, Path]] = {}
+    files_of: dict[tuple[str, tuple[float, ...], str], dict[str, Path]] = {}
+    notes: list[str] = []
     refused: dict[str, str] = {}
     digests: set[str] = set()
-    for path in progress(files_below(folder), what="looking", unit="file"):
+    files = sorted({*files_below(folder), *lone_files(folder)})
+    for path in progress(files, what="looking", unit="file"):
         try:
             if (markers := marker_file(path)) is None:
                 refused[str(path)] = "no markers"
             elif (digest := sha256_of(markers)) in digests:
                 refused[str(path)] = "the same recording again"
             else:
-                motion = read_motion_file(path)
-                subject = motion.gender, tuple(motion.betas.round(4).tolist())
+                subject = _subject_of(path, notes)
                 files_of.setdefault(subject, {})[digest] = markers
                 digests.add(digest)
         except DsnetError as error:
             refused[str(path)] = _reason(path, error)
-    counts = Counter(gender_of_file for gender_of_file, _ in files_of)
+    for line in notes[:_MOST_SHOWN]:
+        notify(line)
+    if len(notes) > _MOST_SHOWN:
+        notify(f"{len(notes)} such notes in all")
+    counts = Counter(gender_of_file for gender_of_file, *_ in files_of)
     chosen = gender or max(("female", "male"), key=lambda one: counts[one])
     other = {"female": "male", "male": "female"}.get(chosen, "")
     refused |= {
         str(file): f"of a {other} body"
-        for (gender_of_file, _), files in files_of.items()
+        for (gender_of_file, *_), files in files_of.items()
         if gender_of_file == other
         for file in files.values()
     }
     subjects = [
         _Subject(betas, tuple(files.values()), tuple(files))
-        for (gender_of_file, betas), files in files_of.items()
+        for (gender_of_file, betas, _), files in files_of.items()
         if gender_of_file != other
     ]
     if not subjects:
@@ -127,9 +134,19 @@ def subjects_of(folder: Path, gender: str | None) -> tuple[str, list[_Subject], 
         raise DsnetError(
             f"--markers {folder}, with {why}",
             f"motions of {chosen} bodies with skin markers",
-            "AMASS's SMPL-H release has marker_data; a C3D lies beside its pose.",
+            "AMASS's SMPL-H release has marker_data; so C3D, TRC, TSV, CSV of laboratories.",
         )
     return chosen, subjects, refused
+
+
+def _subject_of(path: Path, notes: list[str]) -> tuple[str, tuple[float, ...], str]:
+    """Gender, betas, and where nobody says these, the folder: recordings of one folder without
+    poses are one person's. Adds what the file's reader says of it to the notes."""
+    if is_lone(path):
+        return "unknown", (0.0,) * N_BETAS, str(path.parent)
+    motion = read_motion_file(path)
+    notes += motion.notes
+    return motion.gender, tuple(motion.betas.round(4).tolist()), ""
 
 
 def _make(

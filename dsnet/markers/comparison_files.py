@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dsnet.markers.lone import Alone
 from dsnet.markers.segments import CUT_HZ
 from dsnet.markers.skin import BANDS_HZ, Comparison, Row
 
@@ -15,22 +16,57 @@ _FOOTER = "markers: measured on a person; body and its flesh: a model"
 
 
 def write_comparisons(
-    path_of: Callable[[str], Path], comparisons: Mapping[str, Comparison], fps: float
+    path_of: Callable[[str], Path],
+    comparisons: Mapping[str, Comparison],
+    fps: float,
+    alone: Alone | None = None,
 ) -> None:
-    """Write `markers.json`, `markers.md` and `markers.png`.
+    """Write `markers.json`, `markers.md` and `markers.png`, of markers that have no pose
+    `markers_alone.png` too.
 
     Parameters
     ----------
     path_of : where a file of a name is written.
     comparisons : of the same markers, by the pose that the body takes.
+    alone : what they do by themselves, if they have no pose beside them.
     """
     from dsnet.pictures.page_templates import fill_template
 
-    rows = {name: comparison.summary() for name, comparison in comparisons.items()}
+    tables: dict[str, Alone | Comparison] = {**comparisons}
+    if alone is not None:
+        tables = {"markers alone": alone, **tables}
+    rows = {name: one.summary() for name, one in tables.items()}
     path_of("markers.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    page = fill_template("markers.md.j2", comparisons=comparisons, cut_hz=CUT_HZ, bands_hz=BANDS_HZ)
+    settings = {"cut_hz": CUT_HZ, "bands_hz": BANDS_HZ}
+    page = fill_template("markers.md.j2", comparisons=comparisons, alone=alone, **settings)
     path_of("markers.md").write_text(page, encoding="utf-8")
-    _draw(path_of("markers.png"), comparisons, fps)
+    if alone is not None:
+        _draw_alone(path_of("markers_alone.png"), alone, fps)
+    if comparisons:
+        _draw(path_of("markers.png"), comparisons, fps)
+
+
+def _draw_alone(path: Path, alone: Alone, fps: float) -> None:
+    """Curves of the first marker of each region, along the three axes of its segment."""
+    from matplotlib.figure import Figure
+
+    from dsnet.pictures.panels import save_figure
+
+    first = {row.region: row for row in reversed(alone.rows)}
+    rows = [row for row in alone.rows if first[row.region] is row]
+    figure = Figure(figsize=(6.4, 1.2 * len(rows) + 1.2), dpi=150, layout="constrained")
+    figure.suptitle(f"Skin beyond bone, above {CUT_HZ} Hz, in the segment's frame", fontsize=11)
+    figure.supxlabel("time [s]\nmarkers alone: measured on a person", fontsize=8)
+    axes = figure.subplots(len(rows), 1, squeeze=False, sharex=True)[:, 0]
+    colours = {"to the left": "#0072B2", "up": "black", "to the front": "#D55E00"}
+    for axis, row in zip(axes, rows, strict=True):
+        times = np.arange(len(row.fast_mm)) / fps
+        for series, (way, colour) in zip(row.fast_mm.T, colours.items(), strict=True):
+            axis.plot(times, series, color=colour, linewidth=1.1, label=way)
+        axis.set_ylabel(f"{row.region}{'*' * bool(row.doubt)}\n{row.label} [mm]", fontsize=7)
+        axis.tick_params(labelsize=7)
+    axes[0].legend(fontsize=7, ncols=3, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1))
+    save_figure(figure, path)
 
 
 def _draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:

@@ -21,36 +21,17 @@ from bridge.motion.readers.c3d import POSE_ENDINGS, c3d_beside, is_c3d, read_c3d
 from bridge.motion.readers.markers import markers_beside_poses
 from bridge.paper import N_VERTICES
 from bridge.runs.untrusted import open_npz
+from dsnet.markers.places import SAME_PLACE
 from dsnet.markers.segments import SEEN_ENOUGH, SEGMENTS, Cloud, bridged
 
 _SAME_LENGTH_S = 0.03
 """A motion at 60 fps is shorter than its file by less than that."""
 _PERSON_M = (0.8, 3.5)
 """How much room markers of a person take up at any moment, largest extent."""
-_SAME_PLACE = {
-    "TOPBACK": "C7",
-    "CV7": "C7",
-    "MIDBACK": "T10",
-    "TV10": "T10",
-    "TV8": "T8",
-    "R10": "RBAK",
-    "CHEST": "CLAV",
-    "SJN": "CLAV",
-    "SXS": "STRN",
-    **{
-        f"{side}{name}": side + other
-        for side in "LR"
-        for name, other in (
-            ("BAC", "BAK"), ("FSH", "SHO"), ("SHOULDER", "SHO"), ("ELBOW", "ELB"), ("HLE", "ELB"),
-            ("HIP", "THI"), ("THIGH", "THI"), ("LEG", "TIB"), ("SHIN", "TIB"), ("KNEE", "KNE"),
-            ("FLE", "KNE"), ("ANKLE", "ANK"), ("FAL", "ANK"), ("HEEL", "HEE"), ("IAS", "ASI"),
-            ("IPS", "PSI"),
-        )
-    },
-}  # fmt: skip
-"""Other names of the same places, in the marker sets of AMASS's sources, Plug-in Gait and ISB's."""
 _PADDED_FRAMES = 15
-_ON_HEADS = SEGMENTS["head"].labels
+_RATE = "Pass --motion-fps N"
+_ABOVE = (SEGMENTS["head"].labels, SEGMENTS["thorax"].labels, SEGMENTS["pelvis"].labels)
+"""Groups of markers, the first of which that is there is looked for above the feet."""
 _ON_FEET = ("LANK", "RANK", "LHEE", "RHEE", "LTOE", "RTOE")
 
 
@@ -103,7 +84,15 @@ def markers_of(motion: Motion) -> Markers:
             "markers (T, N, 3) and their names (N,), or a .c3d of the same name beside it",
             "AMASS's SMPL-H release has them; the SMPL-X release does not",
         )
-    path, stored = motion.markers.path, motion.markers.stored
+    stored, fps = motion.markers.stored, motion.source_fps
+    is_as_long = abs((len(stored.points) - 1) / fps - motion.duration_s) < _SAME_LENGTH_S
+    return checked_markers(motion.markers, fps if is_as_long else stored.fps or fps)
+
+
+def checked_markers(file: MarkerFile, fps: float | None = None) -> Markers:
+    """The markers of a file, at the rate `fps`, or at that of the file; `DsnetError` as
+    `markers_of`, also if neither says a rate."""
+    path, stored = file.path, file.stored
     data = np.array(stored.points, np.float64) if stored.points.dtype.kind in "iuf" else None
     if data is None or data.shape != (len(data), len(stored.labels), 3) or not stored.labels:
         raise refused(
@@ -119,13 +108,13 @@ def markers_of(motion: Motion) -> Markers:
     data, note = _in_metres(path, data, stored.per_m)
     up = Y_UP_FROM_Z_UP if stored.upright else _upright(data, names)
     upright = up.apply(data.reshape(-1, 3)).reshape(data.shape)
-    fps = motion.source_fps
-    is_as_long = abs((len(data) - 1) / fps - motion.duration_s) < _SAME_LENGTH_S
+    if (fps := fps or stored.fps) is None:
+        raise refused(path, "without a frame rate", "how many frames a second it has", _RATE)
     vertices = {whose[label]: v for label, v in stored.vertices.items() if label in whose}
     return Markers(
         upright,
         names,
-        fps if is_as_long else stored.fps or fps,
+        fps,
         note,
         {name: v for name, v in vertices.items() if type(v) is int and 0 <= v < N_VERTICES},
     )
@@ -135,7 +124,7 @@ def pose_file(path: Path) -> Path:
     """The file of the pose that was fitted to a file's markers: itself, or beside a C3D."""
     if not is_c3d(path):
         return motion_path(path)
-    there = [path.with_name(path.stem + ending) for ending in POSE_ENDINGS]
+    there = _poses_beside(path)
     pose = next((pose for pose in there if pose.is_file()), None)
     if pose is None:
         raise DsnetError(
@@ -144,6 +133,20 @@ def pose_file(path: Path) -> Path:
             "Put the AMASS or MoSh++ file of the same take there, under that name.",
         )
     return pose
+
+
+def is_lone(path: Path) -> bool:
+    """Whether a file is a recording of markers without a pose beside it."""
+    return is_c3d(path) and not any(pose.is_file() for pose in _poses_beside(path))
+
+
+def lone_files(folder: Path) -> list[Path]:
+    """Recordings below a folder that have no pose beside them."""
+    return sorted(path for path in folder.rglob("*") if is_lone(path))
+
+
+def _poses_beside(path: Path) -> list[Path]:
+    return [path.with_name(path.stem + ending) for ending in POSE_ENDINGS]
 
 
 def marker_file(path: Path) -> Path | None:
@@ -173,7 +176,7 @@ def _names(path: Path, labels: list[str]) -> tuple[dict[str, str], tuple[str, ..
             "Label them, as MoSh++ and AMASS do",
         )
     plain = [label.rpartition(":")[2].strip().upper().replace("_", "") for label in labels]
-    names = tuple(_SAME_PLACE.get(name, name) for name in plain)
+    names = tuple(SAME_PLACE.get(name, name) for name in plain)
     usual = {label for segment in SEGMENTS.values() for label in segment.labels}
     named = zip(labels, names, strict=True)
     people = Counter(label.rpartition(":")[0] for label, name in named if name in usual)
@@ -185,10 +188,11 @@ def _names(path: Path, labels: list[str]) -> tuple[dict[str, str], tuple[str, ..
 
 def _upright(data_m: NDArray, names: Sequence[str]) -> Rotation:
     """To y up, from whatever axis people's heads are above their feet along."""
-    ends = [[n for n, name in enumerate(names) if name in group] for group in (_ON_HEADS, _ON_FEET)]
-    if not all(ends):
+    places = [[n for n, name in enumerate(names) if name in each] for each in (*_ABOVE, _ON_FEET)]
+    above = next((each for each in places[:-1] if each), [])
+    if not above or not places[-1]:
         return Y_UP_FROM_Z_UP
-    head, foot = (np.nanmedian(data_m[:, end], axis=(0, 1)) for end in ends)
+    head, foot = (np.nanmedian(data_m[:, end], axis=(0, 1)) for end in (above, places[-1]))
     axis = int(np.abs(head - foot).argmax())
     up = np.sign(head - foot)[axis] * np.eye(3)[axis]
     turned, _ = Rotation.align_vectors(np.array([[0.0, 1.0, 0.0]]), up[None])

@@ -64,7 +64,7 @@ SEGMENTS: dict[str, Segment] = {
     "thorax": Segment("spine3", ("CLAV", "C7", "T8", "T10", "LBAK", "RBAK")),
     "pelvis": Segment(
         "pelvis",
-        ("LPSI", "RPSI", "LASI", "RASI", "LBWT", "RBWT", "LFWT", "RFWT"),
+        ("LPSI", "RPSI", "SACR", "LASI", "RASI", "LBWT", "RBWT", "LFWT", "RFWT"),
         _ON_FLESH,
     ),
     **_of_sides("*thigh", "hip", "hip *KNE", _HIP_END),
@@ -220,7 +220,7 @@ def rigid_motion(
     shape = points_m[first] - points_m[first].mean(axis=0)
     trust = np.ones(len(shape)) if weights is None else weights
     for _ in range(_ROUNDS):
-        turns, places = _kabsch(points_m, shape, seen * trust)
+        turns, places = kabsch(points_m, shape, seen * trust)
         inside = np.einsum("tyx,tny->tnx", turns, points_m - places[:, None])
         there = seen[..., None]
         shape = (there * inside).sum(axis=0) / there.sum(axis=0)
@@ -234,7 +234,7 @@ def rigid_motion(
     return rigid_motion(whole_m, np.ones_like(seen), trust)
 
 
-def _kabsch(points: NDArray, shape: NDArray, weights: NDArray) -> tuple[NDArray, NDArray]:
+def kabsch(points: NDArray, shape: NDArray, weights: NDArray) -> tuple[NDArray, NDArray]:
     """Turns (T, 3, 3) and places (T, 3) that bring a shape (N, 3) nearest to points (T, N, 3)."""
     total = weights.sum(axis=1, keepdims=True)
     centre = np.einsum("tn,tnx->tx", weights, points) / total

@@ -146,8 +146,8 @@ def compare_offsets(
                 doubt=SEGMENTS[spot.segment].doubt,
                 vertex=registered.vertices[label],
                 seen=round(float(good.sum() / inner.sum()), 3),
-                real=_size(moved, good, fps),
-                predicted=_size(added, good, fps),
+                real=size_of(moved, good, fps),
+                predicted=size_of(added, good, fps),
                 flesh_r2=_r2(*flesh),
                 flesh_r2_up=_r2(flesh[0][:, 1], flesh[1][:, 1]),
                 total_r2_up=_r2(moved[good, 1], total),
@@ -165,7 +165,7 @@ def compare_offsets(
             "segment (CLAV, C7, T8, LBAK, RBAK for the chest)",
             "Name them as AMASS does, or pass another file.",
         )
-    return Comparison(rows, _floor_mm(real, pose, real_frames, inner, fps), curves)
+    return Comparison(rows, floor_mm(real, pose, real_frames, inner, fps), curves)
 
 
 def at_spots(
@@ -183,7 +183,7 @@ def at_spots(
             yield label, spot, bridged(frame.local_mm(cloud.points_m[label]), ok), good
 
 
-def _floor_mm(
+def floor_mm(
     real: Cloud, pose: Pose, frames: Mapping[str, Frame], inner: NDArray, fps: float
 ) -> dict[str, list[float]]:
     """Of each marker of a rigid segment in the frame of its other markers: rms, millimetres."""
@@ -221,7 +221,8 @@ def _r2(real: NDArray, predicted: NDArray) -> float:
     return round(float(1 - ((real - predicted) ** 2).sum() / motion), 4) if motion > 1e-9 else 0.0
 
 
-def _size(series: NDArray, good: NDArray, fps: float) -> Size:
+def size_of(series: NDArray, good: NDArray, fps: float) -> Size:
+    """Of a motion (T, 3), millimetres, in the frames (T,) that count."""
     # Commands that can use markers import this module: SciPy's filters load slowly.
     from scipy.signal import periodogram
 
