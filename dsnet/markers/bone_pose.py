@@ -18,7 +18,7 @@ from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
 from bridge.body.posing import joint_rotations, shaped_joints
 from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, pack_theta, unpack_theta
-from bridge.motion.readers.c3d import is_c3d
+from bridge.motion.readers.recordings import is_recording
 from dsnet.markers.marker_files import markers_of
 from dsnet.markers.registration import register
 from dsnet.markers.segments import CUT_HZ, SEGMENTS, Cloud, Pose, faster, segment_frames
@@ -31,7 +31,7 @@ _ON_THE_CHEST = ("neck", "left_collar", "right_collar")
 
 def flesh_in_pose(motion: Motion) -> list[str]:
     """A line to warn of a file's pose that was fitted to flesh; none if it was not."""
-    if motion.markers is not None and is_c3d(motion.source):
+    if motion.markers is not None and is_recording(motion.source):
         return []  # to those on bone alone
     if motion.markers is not None:
         by, remedy = "markers on skin", "--pose bony of predict, export and view takes it out"

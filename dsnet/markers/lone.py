@@ -16,7 +16,7 @@ from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, pack_theta
 from bridge.motion.directions import unit
 from bridge.motion.markers import MarkerFile
-from bridge.motion.readers.c3d import read_c3d
+from bridge.motion.readers.recordings import recording
 from bridge.motion.resampling import resampled_frames
 from bridge.motion.smoothing import continuous_rotations, smoothed
 from bridge.paper import FPS
@@ -44,7 +44,7 @@ class Lone:
     @classmethod
     def read(cls, path: Path, fps: float | None = None) -> Lone:
         """`DsnetError` if they are no markers of one person; `fps` where the file's is wrong."""
-        file = MarkerFile(path, read_c3d)
+        file = recording(path)
         return cls(file, checked_markers(file, fps))
 
     def cloud(self) -> Cloud:

@@ -17,8 +17,13 @@ from bridge.motion.markers import MarkerFile, marker_file_refused, refused
 from bridge.motion.motion import AS_IT_SAYS, Y_UP_FROM_Z_UP, HowRead
 from bridge.motion.readers import format_of, read_motion_file
 from bridge.motion.readers.amass import motion_path
-from bridge.motion.readers.c3d import POSE_ENDINGS, c3d_beside, is_c3d, read_c3d
 from bridge.motion.readers.markers import markers_beside_poses
+from bridge.motion.readers.recordings import (
+    is_recording,
+    poses_beside,
+    recording,
+    recording_beside,
+)
 from bridge.paper import N_VERTICES
 from bridge.runs.untrusted import open_npz
 from dsnet.markers.places import SAME_PLACE
@@ -65,9 +70,10 @@ def load_recording(
     path: Path, source_fps: float | None = None, how: HowRead = AS_IT_SAYS
 ) -> Motion:
     """The motion whose pose was fitted to a file's markers, with those markers: of an AMASS `.npz`,
-    a MoSh++ `*_stageii.pkl`, or a C3D with the pose beside it; parameters are `load_motion`'s."""
+    a MoSh++ `*_stageii.pkl`, or a recording with the
+    pose beside it; parameters are `load_motion`'s."""
     motion = load_motion(pose_file(path), source_fps, how=how)
-    return replace(motion, markers=MarkerFile(path, read_c3d)) if is_c3d(path) else motion
+    return replace(motion, markers=recording(path)) if is_recording(path) else motion
 
 
 def markers_of(motion: Motion) -> Markers:
@@ -121,10 +127,11 @@ def checked_markers(file: MarkerFile, fps: float | None = None) -> Markers:
 
 
 def pose_file(path: Path) -> Path:
-    """The file of the pose that was fitted to a file's markers: itself, or beside a C3D."""
-    if not is_c3d(path):
+    """The file of the pose that was fitted to a file's markers: itself, or beside a
+    recording."""
+    if not is_recording(path):
         return motion_path(path)
-    there = _poses_beside(path)
+    there = poses_beside(path)
     pose = next((pose for pose in there if pose.is_file()), None)
     if pose is None:
         raise DsnetError(
@@ -137,7 +144,7 @@ def pose_file(path: Path) -> Path:
 
 def is_lone(path: Path) -> bool:
     """Whether a file is a recording of markers without a pose beside it."""
-    return is_c3d(path) and not any(pose.is_file() for pose in _poses_beside(path))
+    return is_recording(path) and not any(pose.is_file() for pose in poses_beside(path))
 
 
 def lone_files(folder: Path) -> list[Path]:
@@ -145,16 +152,12 @@ def lone_files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if is_lone(path))
 
 
-def _poses_beside(path: Path) -> list[Path]:
-    return [path.with_name(path.stem + ending) for ending in POSE_ENDINGS]
-
-
 def marker_file(path: Path) -> Path | None:
     """The file of the markers that a motion file's pose was fitted to, if there is one."""
     if not path.is_file():
         return None
     with marker_file_refused(path):
-        if is_c3d(path) or format_of(path) == "moshpp":
+        if is_recording(path) or format_of(path) == "moshpp":
             return path
         if format_of(path) == "video":
             markers = read_motion_file(path).markers
@@ -163,7 +166,7 @@ def marker_file(path: Path) -> Path | None:
             with open_npz(path) as archive:
                 markers = markers_beside_poses(archive, path)
             return markers and markers.path
-    return c3d_beside(path)
+    return recording_beside(path)
 
 
 def _names(path: Path, labels: list[str]) -> tuple[dict[str, str], tuple[str, ...]]:

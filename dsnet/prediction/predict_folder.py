@@ -20,7 +20,7 @@ from bridge.body.embedded import EMBEDDED, EMBEDDED_GENDERS
 from bridge.body.vertex_order import VERTICES
 from bridge.errors import DsnetError, notify
 from bridge.motion.readers import files_below, stated_gender
-from bridge.motion.readers.c3d import c3d_beside
+from bridge.motion.readers.recordings import recording_beside
 from bridge.runs import read_artifact
 from bridge.runs.files import (
     MANIFEST,
@@ -167,7 +167,7 @@ def _has(job: FolderJob, interpolation: str) -> bool:
 
 def _files_read(motion: Path) -> dict[str, Path]:
     """What a prediction is made of: a motion, and markers beside it."""
-    markers = c3d_beside(motion)
+    markers = recording_beside(motion)
     return {"motion": motion} if markers is None else {"motion": motion, "markers": markers}
 
 

@@ -19,8 +19,6 @@ from bridge.motion.markers import StoredMarkers, refused
 from bridge.motion.motion import MOST_FRAMES, RATES_HZ
 from bridge.runs.untrusted import open_regular
 
-POSE_ENDINGS = (".npz", "_poses.npz", "_stageii.npz", "_stageii.pkl")
-"""Of a pose's file that lies beside the C3D that it was fitted to."""
 _BLOCK = 512
 _MOST_BYTES, _MOST_PARAMETER_BYTES = 1 << 30, 256 * _BLOCK
 _PER_M = {"mm": 1e3, "cm": 1e2, "m": 1.0}
@@ -29,18 +27,6 @@ _NUMBERS = {84: "<", 85: "<", 86: ">"}
 _DEC = 85
 _NO_PLACES = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Lists of points whose numbers are no places."""
-
-
-def is_c3d(path: Path) -> bool:
-    """By its name."""
-    return path.suffix.lower() == ".c3d"
-
-
-def c3d_beside(path: Path) -> Path | None:
-    """The recording that lies beside a file of poses under its name, if one does."""
-    stems = (path.name.removesuffix(end) for end in POSE_ENDINGS if path.name.endswith(end))
-    beside = (path.with_name(f"{stem}.c3d") for stem in stems)
-    return next((one for one in beside if one.is_file()), None)
 
 
 def read_c3d(path: Path) -> StoredMarkers:

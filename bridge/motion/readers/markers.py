@@ -21,7 +21,7 @@ from bridge.body.pickled_arrays import Record, array_parts, as_array, holds_obje
 from bridge.body.safe_pickle import load_restricted_item
 from bridge.motion.markers import MarkerFile, StoredMarkers, refused
 from bridge.motion.motion import MOST_FRAMES
-from bridge.motion.readers.c3d import c3d_beside, read_c3d
+from bridge.motion.readers.recordings import recording, recording_beside
 from bridge.runs.untrusted import UntrustedNpz, open_npz
 
 _MOST_MARKERS = 500
@@ -34,11 +34,11 @@ _SMPLX_POSE = (165,)
 
 
 def markers_beside_poses(archive: UntrustedNpz, path: Path) -> MarkerFile | None:
-    """Those of an `.npz`, else those of a C3D beside it."""
+    """Those of an `.npz`, else those of a recording beside it."""
     if keys := marker_keys(archive):
         return MarkerFile(path, partial(_read_npz, keys))
-    beside = c3d_beside(path)
-    return None if beside is None else MarkerFile(beside, read_c3d)
+    beside = recording_beside(path)
+    return None if beside is None else recording(beside)
 
 
 def _read_npz(keys: tuple[str, str], path: Path) -> StoredMarkers:
