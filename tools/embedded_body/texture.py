@@ -3,7 +3,8 @@
 Vertices of the body are some of MakeHuman's, which have several places on the picture at its
 seams. A face takes the places that lie nearest together. About one in a hundred lies across a
 seam, where none do: there the corner that is farthest off takes the place of the next one, and
-the face the colour along the seam.
+the face the colour along the seam. The three faces in each eye's socket are such: MakeHuman's
+eyeballs are another mesh. Their common vertex takes a place of its own in their middle.
 """
 
 from __future__ import annotations
@@ -40,8 +41,21 @@ def texture_of(
             nearest = int(sides[best].argmin())  # side 0 joins corners 0 and 1
             corners[row, (nearest + 2) % 3] = corners[row, (nearest + 1) % 3]
     used, compact = np.unique(corners, return_inverse=True)
-    steps = np.round(places[used] * _STEPS).astype(np.uint16)
-    return {"places": steps, "corners": compact.reshape(corners.shape).astype(np.uint16)}
+    return with_eyes(places[used], compact.reshape(corners.shape), faces)
+
+
+def with_eyes(places: NDArray, corners: NDArray, faces: NDArray) -> dict[str, NDArray[np.uint16]]:
+    """The asset's arrays, with a place for each vertex whose three faces are all torn."""
+    corners, places = corners.astype(np.uint16), np.round(places * _STEPS).astype(np.uint16)
+    torn = (corners == np.roll(corners, 1, axis=1)).any(axis=1)
+    whole_count = np.bincount(faces[~torn].ravel(), minlength=faces.max() + 1)
+    count = np.bincount(faces.ravel())
+    for vertex in np.flatnonzero((count == 3) & (whole_count == 0)):
+        rows, columns = np.nonzero(faces == vertex)
+        around = np.unique(corners[rows[:, None], (columns[:, None] + [1, 2]) % 3])
+        corners[rows, columns] = len(places)
+        places = np.concatenate([places, places[around].mean(axis=0, keepdims=True).round()])
+    return {"places": places.astype(np.uint16), "corners": corners}
 
 
 def _sides(triangle: NDArray) -> NDArray:
