@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from bridge.errors import DsnetError
 from dsnet.exporters.formats import FORMATS
@@ -21,6 +21,7 @@ def export(
     *,
     predictor: str | None = None,
     precision: Precision = "float32",
+    skin: Literal["textured", "plain"] = "textured",
     **controls: Any,
 ) -> Path:
     """Write a body that performs a motion as a file for another tool: 60 fps, metres, y up.
@@ -34,6 +35,7 @@ def export(
         onnx-clip, onnx-plain, keras, savedmodel, tflite; by the suffix of `out` when None.
     model : predictor that moves the skin, see `load_model`.
     precision : of the large kernels of an onnx graph.
+    skin : `plain` leaves out the embedded bodies' picture of skin.
     controls : fields of `Controls`, as in `gain=1.5, part_gain=["belly=2"]`.
 
     Returns
@@ -51,6 +53,7 @@ def export(
         out=Path(out),
         predictor=() if predictor is None else (predictor,),
         precision=precision,
+        skin=skin,
         **vars(Controls.of(controls)),
     )
     export_as(config, model)

@@ -1,7 +1,9 @@
 """glTF binary: SMPL's skeleton and weights, blend shapes for soft tissue, and an animation.
 
 Browsers, engines and Blender play it. The blend shapes are fitted to this motion (`BlendShapes`);
-the file's `extras` have their largest error.
+the file's `extras` have their largest error. An embedded body has a material with its picture of
+skin. glTF has one place on a picture for each vertex, so vertices on seams are there several times:
+the body's own come first, and `extras` say of which vertices the others are copies.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.posing import joint_rotations, pose_features, shaped_joints, shaped_vertices
+from bridge.body.skin import SplitMesh, split_at_seams
 from bridge.body.surface_operators import vertex_normals
 from bridge.motion.smoothing import continuous_quaternions
 from dsnet.exporters.output import export_facts
@@ -27,10 +30,12 @@ MOST_SHAPES = 64
 """Most directions, as engines grow slow with more. A direction has two blend shapes."""
 ENOUGH_M = 2e-4
 """Largest error of a vertex in the fitted frames at which no more directions are added."""
+_LINEAR, _BY_MIPMAPS, _CLAMPED = 9729, 9987, 33071
+_ROUGHNESS = 0.75
 _SET = 4
 """Joints of a vertex in one set: SMPL needs one set; some players read only the first."""
 _TYPES = {np.dtype("f4"): 5126, np.dtype("u4"): 5125, np.dtype("u1"): 5121}
-_WIDTHS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+_WIDTHS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
 class BlendShapes:
@@ -132,15 +137,18 @@ class _Buffer:
         """
         rows = np.ascontiguousarray(array).reshape(len(array), -1)
         rows = rows.astype("f4") if rows.dtype == "f8" else rows
-        stored = rows.tobytes()
-        self.views.append({"buffer": 0, "byteOffset": self.size, "byteLength": len(stored)})
         limits = {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()} if bounds else {}
         kind = {"componentType": _TYPES[rows.dtype], "type": _WIDTHS[rows.shape[1]]}
-        view = {"bufferView": len(self.views) - 1, "count": len(rows)}
+        view = {"bufferView": self.view(rows.tobytes()), "count": len(rows)}
         self.accessors.append({**view, **kind, **limits})
+        return len(self.accessors) - 1
+
+    def view(self, stored: bytes) -> int:
+        """Append bytes; gives the number of their view."""
+        self.views.append({"buffer": 0, "byteOffset": self.size, "byteLength": len(stored)})
         self.parts.append(stored + bytes(-len(stored) % 4))
         self.size += len(self.parts[-1])
-        return len(self.accessors) - 1
+        return len(self.views) - 1
 
 
 def write(path: Path, moving: MovingBody) -> None:
@@ -151,18 +159,25 @@ def write(path: Path, moving: MovingBody) -> None:
     bind = np.tile(np.eye(4), (bones, 1, 1))
     bind[:, 3, :3] = -joints_m  # glTF's matrices lie column by column
     skin = {"joints": [*range(bones)], "skeleton": 0, "inverseBindMatrices": buffer.add(bind)}
-    extras = {"dsnet": {**export_facts(moving), "largest_error_mm": 1e3 * shapes.error_m}}
+    facts = {**export_facts(moving), "largest_error_mm": 1e3 * shapes.error_m}
+    png, split, skinned = moving.skin_png, None, {}
+    if png is not None and body.texture is not None:
+        split, skinned = split_at_seams(body.faces, body.texture), _material(buffer, png)
+        copies = split.vertex[body.vertex_count :].tolist()
+        facts["seams"] = {"body_vertices": body.vertex_count, "copies_of": copies}
+    extras = {"dsnet": facts}
     scene = {
         "asset": {"version": "2.0", "generator": "dsnet", "extras": extras},
         "scene": 0,
         "scenes": [{"nodes": [0, bones]}],
         "nodes": [*_bones(body, joints_m), {"name": "body", "mesh": 0, "skin": 0}],
-        "meshes": [_mesh(buffer, body, shapes)],
+        "meshes": [_mesh(buffer, body, shapes, split)],
         "skins": [skin],
         "animations": [_animation(buffer, moving, joints_m, shapes)],
         "accessors": buffer.accessors,
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": buffer.size}],
+        **skinned,
     }
     text = json.dumps(scene).encode()
     text += b" " * (-len(text) % 4)
@@ -185,24 +200,44 @@ def _bones(body: BodyModelData, joints_m: NDArray) -> list[dict[str, Any]]:
     return nodes
 
 
-def _mesh(buffer: _Buffer, body: BodyModelData, shapes: BlendShapes) -> dict[str, Any]:
+def _material(buffer: _Buffer, png: bytes) -> dict[str, Any]:
+    """The scene's entries for a material that is a picture of skin."""
+    look = {"baseColorTexture": {"index": 0}, "metallicFactor": 0, "roughnessFactor": _ROUGHNESS}
+    filters = {"magFilter": _LINEAR, "minFilter": _BY_MIPMAPS, "wrapS": _CLAMPED, "wrapT": _CLAMPED}
+    return {
+        "materials": [{"name": "skin", "pbrMetallicRoughness": look}],
+        "textures": [{"source": 0, "sampler": 0}],
+        "images": [{"name": "skin", "bufferView": buffer.view(png), "mimeType": "image/png"}],
+        "samplers": [filters],
+    }
+
+
+def _mesh(
+    buffer: _Buffer, body: BodyModelData, shapes: BlendShapes, split: SplitMesh | None
+) -> dict[str, Any]:
+    faces, vertex = body.faces, np.arange(body.vertex_count)
+    if split is not None:
+        faces, vertex = split.faces, split.vertex
     attributes = {
-        "POSITION": buffer.add(shapes.rest_m, bounds=True),
-        "NORMAL": buffer.add(vertex_normals(shapes.rest_m, body.faces)),
+        "POSITION": buffer.add(shapes.rest_m[vertex], bounds=True),
+        "NORMAL": buffer.add(vertex_normals(shapes.rest_m, body.faces)[vertex]),
     }
     order = np.argsort(-body.weights, axis=1, kind="stable")
     sorted_weights = np.take_along_axis(body.weights, order, axis=1)
     for number, start in enumerate(range(0, (sorted_weights > 0).sum(axis=1).max(), _SET)):
-        joints, weights = (array[:, start : start + _SET] for array in (order, sorted_weights))
+        joints, weights = (array[vertex, start : start + _SET] for array in (order, sorted_weights))
         attributes[f"JOINTS_{number}"] = buffer.add(np.where(weights > 0, joints, 0).astype("u1"))
         attributes[f"WEIGHTS_{number}"] = buffer.add(weights)
     primitive: dict[str, Any] = {
         "attributes": attributes,
-        "indices": buffer.add(body.faces.astype("u4").ravel()),
+        "indices": buffer.add(faces.astype("u4").ravel()),
     }
+    if split is not None:  # glTF counts from the upper left
+        attributes["TEXCOORD_0"] = buffer.add(split.places * [1, -1] + [0, 1])
+        primitive["material"] = 0
     mesh: dict[str, Any] = {"name": "body", "primitives": [primitive]}
     if shapes.names:
-        targets = [buffer.add(shape_m, bounds=True) for shape_m in shapes.shapes_m]
+        targets = [buffer.add(shape_m[vertex], bounds=True) for shape_m in shapes.shapes_m]
         primitive["targets"] = [{"POSITION": accessor} for accessor in targets]
         mesh |= {"weights": [0.0] * len(targets), "extras": {"targetNames": shapes.names}}
     return mesh

@@ -34,6 +34,8 @@ class ExportConfig(Controls):
     """Predictors of the run; by default its best. Formats gif, mp4 and html show several."""
     precision: Literal["float32", "float16", "int8"] = "float32"
     """Precision of the large weights of an onnx graph; the file states the error of fewer bits."""
+    skin: Literal["textured", "plain"] = "textured"
+    """`plain`: without the embedded bodies' picture of skin, hair and sportswear."""
     out: Path | None = None
     """File to write, or a folder for pc2, mdd, obj, ply and onnx-plain; it must not exist."""
 
@@ -78,6 +80,7 @@ def export_as(config: ExportConfig, source: Source) -> None:
     moving = _moving_bodies(config, source)
     with new_path(out) as path:
         for one in moving:
+            one.plain = config.skin == "plain"
             one.announce()
         if chosen.is_folder:
             path.mkdir()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl, full_pose
+from bridge.body.skin import skin_png
 from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.motion import FARTHEST_M
@@ -92,6 +93,8 @@ class MovingBody:
         gains = np.asarray(gain, np.float32)
         self.gain = gains[:, None] if gains.ndim else gains
         """() or (V, 1)."""
+        self.plain = False
+        """Whether it is shown without the picture of skin that an embedded body has."""
 
     def __len__(self) -> int:
         return len(self.motion.theta)
@@ -102,6 +105,11 @@ class MovingBody:
     @property
     def body(self) -> BodyModelData:
         return self.trained.body
+
+    @property
+    def skin_png(self) -> bytes | None:
+        """The picture of skin that the body is shown with, a PNG file, if there is one."""
+        return None if self.plain else skin_png(self.body)
 
     @property
     def pose(self) -> NDArray[np.floating]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from bridge.body.skin import skin_png
 from dsnet.exporters import glb
 from dsnet.exporters.glb import ENOUGH_M, BlendShapes
 from dsnet.prediction.moving_body import MovingBody
@@ -15,7 +19,7 @@ from tests.dsnet.exporters.conftest import FRAMES, moving_body
 
 pygltflib = pytest.importorskip("pygltflib")
 DTYPES = {5121: "u1", 5125: "u4", 5126: "f4"}
-WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +37,13 @@ class Played:
         self.blob = self.gltf.binary_blob()
         (self.mesh,), (self.skin,) = self.gltf.meshes, self.gltf.skins
         (self.primitive,), (self.animation,) = self.mesh.primitives, self.gltf.animations
+        seams = self.gltf.asset.extras["dsnet"].get("seams")
+        points = self.gltf.accessors[self.primitive.attributes.POSITION].count
+        self.vertex = np.arange(points)
+        """The body's vertex that each of the file's is."""
+        if seams:
+            self.vertex = np.array([*range(seams["body_vertices"]), *seams["copies_of"]])
+        assert len(self.vertex) == points
         self.targets = [self.array(one["POSITION"]) for one in self.primitive.targets or []]
 
     def array(self, number: int) -> NDArray:
@@ -87,7 +98,8 @@ def test_a_player_shows_the_body_within_the_error_that_the_file_states(performed
     stated_m = 1e-3 * played.gltf.asset.extras["dsnet"]["largest_error_mm"]
     assert 0 < stated_m < 2e-3
     for frame in (0, 20, FRAMES - 1):
-        off_m = np.linalg.norm(played.vertices_m(frame) - performed.vertices_m[frame], axis=-1)
+        expected_m = performed.vertices_m[frame][played.vertex]
+        off_m = np.linalg.norm(played.vertices_m(frame) - expected_m, axis=-1)
         assert off_m.max() <= stated_m + 2e-5
     assert np.abs(np.diff(performed.vertices_m, axis=0)).max() > 20 * stated_m
 
@@ -100,18 +112,48 @@ def test_rate_names_and_facts(performed, path):
     assert played.gltf.nodes[0].name == "pelvis"
     assert len(played.mesh.extras["targetNames"]) == len(played.targets)
     faces = played.array(played.primitive.indices).reshape(-1, 3)
-    np.testing.assert_array_equal(faces, performed.moving.body.faces)
+    np.testing.assert_array_equal(played.vertex[faces], performed.moving.body.faces)
     turns = [c for c in played.animation.channels if c.target.path == "rotation"]
     for channel in turns:
         values = played.array(played.animation.samplers[channel.sampler].output)
         assert (np.einsum("tq,tq->t", values[1:], values[:-1]) > 0).all()
 
 
-def test_trimesh_opens_it(performed, path):
+def test_trimesh_opens_it_and_finds_the_skin(performed, path):
     scene = trimesh.load_scene(path)
     (mesh,) = scene.geometry.values()
-    assert mesh.vertices.shape == (performed.moving.body.vertex_count, 3)
+    played, body = Played(path), performed.moving.body
+    assert mesh.vertices.shape == (len(played.vertex), 3)
     assert 1.5 < np.ptp(mesh.vertices[:, 1]) < 2.0
+    places = body.texture.places[body.texture.corners]
+    np.testing.assert_allclose(mesh.visual.uv[mesh.faces], places, atol=1e-6)
+    shipped = Image.open(io.BytesIO(skin_png(body))).convert("RGB")
+    shown = mesh.visual.material.baseColorTexture.convert("RGB")
+    np.testing.assert_array_equal(np.asarray(shown), np.asarray(shipped))
+
+
+def test_a_skin_changes_no_surface(performed, path, tmp_path):
+    """All that belongs to copies on seams is that of the vertices that they are copies of."""
+    moving = MovingBody(performed.moving.trained, performed.moving.motion)
+    moving.plain = True
+    glb.write(tmp_path / "plain.glb", moving)
+    played, plain = Played(path), Played(tmp_path / "plain.glb")
+    assert not plain.gltf.materials
+    assert not plain.gltf.images
+    assert plain.primitive.attributes.TEXCOORD_0 is None
+    for name in ("POSITION", "NORMAL", "JOINTS_0", "WEIGHTS_0"):
+        both = (one.array(getattr(one.primitive.attributes, name)) for one in (played, plain))
+        found, expected = both
+        np.testing.assert_array_equal(found, expected[played.vertex])
+    for found, expected in zip(played.targets, plain.targets, strict=True):
+        np.testing.assert_array_equal(found, expected[played.vertex])
+    counts = {
+        played.gltf.accessors[number].count
+        for number in vars(played.primitive.attributes).values()
+        if number is not None
+    }
+    assert counts == {len(played.vertex)}
+    assert played.gltf.materials[played.primitive.material].name == "skin"
 
 
 def test_shapes_are_all_that_a_short_motion_needs_and_weights_within_0_and_1(character):
@@ -129,4 +171,5 @@ def test_a_body_that_stands_still_has_no_shapes(character, tmp_path):
     played = Played(tmp_path / "still.glb")
     assert played.targets == []
     (posed,) = still
-    np.testing.assert_allclose(played.vertices_m(0), posed.vertices_m[0], atol=2e-6)
+    expected_m = posed.vertices_m[0][played.vertex]
+    np.testing.assert_allclose(played.vertices_m(0), expected_m, atol=2e-6)
