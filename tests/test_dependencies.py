@@ -17,6 +17,8 @@ PROVIDES = {
 }
 # `alembic3d` brings Imath's arrays.
 COMES_WITH = {"imath": "alembic3d"}
+# In Blender, where the extension runs, and nowhere else.
+BLENDERS_OWN = "bpy"
 
 
 TEXTS = {"", ".cff", ".html", ".md", ".py", ".sh", ".toml", ".txt"}
@@ -43,7 +45,7 @@ def imported(*packages: str) -> set[str]:
     modules = {
         name.partition(".")[0] for p in source_files(*packages) for name in imported_modules(p)
     }
-    foreign = modules - set(PACKAGES) - sys.stdlib_module_names
+    foreign = modules - set(PACKAGES) - sys.stdlib_module_names - {BLENDERS_OWN}
     return {COMES_WITH.get(name, name) for name in foreign}
 
 

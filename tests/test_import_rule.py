@@ -31,7 +31,7 @@ ORDER = {
     "bridge": ("", "runs", "body", "motion", "meshes", "exchange", "tissue", "__init__.py"),
     "dsnet": (
         "pictures", "onnx", "synthetic", "evaluation", "markers", "prediction", "stream",
-        "fitting", "exporters", "view", "verify", "report", "stages",
+        "fitting", "exporters", "blender", "view", "verify", "report", "stages",
         "__init__.py", "command_line.py", "cli.py",
     ),
 }  # fmt: skip
@@ -63,6 +63,7 @@ THIRD_PARTIES = {
             "PIL", "alembic3d", "imath", "imageio_ffmpeg", "matplotlib", "numpy", "onnx", "pxr",
             "scipy", "trimesh",
         },
+        "blender": {"bpy", "numpy", "scipy"},
         "view": {"numpy", "scipy"},
         "verify": {"numpy", "scipy", "tyro"},
         "stages": {"numpy", "tyro"},

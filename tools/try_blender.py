@@ -1,5 +1,6 @@
 """Import what `dsnet export` writes into Blender, and compare it with what `dsnet predict` writes;
-read the FBX and GLB that Blender writes of an exported BVH, and compare them with that.
+read the FBX and GLB that Blender writes of an exported BVH, and compare them with that; press the
+button of the extension (`tools.try_blender_extension`).
 
     python -m tools.try_blender
 
@@ -31,6 +32,7 @@ from bridge.body.surface_operators import vertex_normals
 from bridge.motion import load_motion
 from dsnet.prediction.controls import Controls, controlled_body
 from tools.built_wheel import ROOT
+from tools.try_blender_extension import extension_works
 from tools.try_pythons import find_python, last_line, run, say
 
 PYTHON, BLENDER = "3.11", "bpy==4.5.15"
@@ -91,6 +93,7 @@ def main() -> int:
         truth = read_truth(folder / "predicted")
         tried = [works(python, way, folder, truth) for way in told_ways]
         tried += [reads_what_it_writes(python, folder, suffix) for suffix in (".fbx", ".glb")]
+        tried.append(extension_works(python, folder))
     return 0 if all(tried) else 1
 
 

@@ -58,7 +58,17 @@ def load_motion(
     how : what else the user says of the file.
     """
     how = how if source_fps is None else replace(how, fps=source_fps)
-    motion = read_motion_file(Path(path), how)
+    return prepared(read_motion_file(Path(path), how), source_fps, fps, smooth_hz)
+
+
+def prepared(
+    motion: Motion,
+    source_fps: float | None = None,
+    fps: float = FPS,
+    smooth_hz: SmoothHz | None = None,
+) -> Motion:
+    """A motion as its file has it at another rate, y up, without what is no motion; the arguments
+    are those of `load_motion`."""
     if not (np.isfinite(fps) and fps > 0):
         raise DsnetError(f"fps={fps}", "a positive number", "Pass 60, the paper's rate.")
     if source_fps is not None:

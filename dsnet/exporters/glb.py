@@ -159,19 +159,19 @@ def write(path: Path, moving: MovingBody) -> None:
     bind = np.tile(np.eye(4), (bones, 1, 1))
     bind[:, 3, :3] = -joints_m  # glTF's matrices lie column by column
     skin = {"joints": [*range(bones)], "skeleton": 0, "inverseBindMatrices": buffer.add(bind)}
-    facts = {**export_facts(moving), "largest_error_mm": 1e3 * shapes.error_m}
+    extras = {"dsnet": {**export_facts(moving), "largest_error_mm": 1e3 * shapes.error_m}}
+    # Blender drops what the asset says; of the mesh it makes properties (`dsnet.blender`).
+    facts = {"betas": moving.motion.betas.tolist(), "flesh": bool(np.any(moving.gain))}
     png, split, skinned = moving.skin_png, None, {}
     if png is not None and body.texture is not None:
         split, skinned = split_at_seams(body.faces, body.texture), _material(buffer, png)
-        copies = split.vertex[body.vertex_count :].tolist()
-        facts["seams"] = {"body_vertices": body.vertex_count, "copies_of": copies}
-    extras = {"dsnet": facts}
+        facts["copies_of"] = split.vertex[body.vertex_count :].tolist()
     scene = {
         "asset": {"version": "2.0", "generator": "dsnet", "extras": extras},
         "scene": 0,
         "scenes": [{"nodes": [0, bones]}],
         "nodes": [*_bones(body, joints_m), {"name": "body", "mesh": 0, "skin": 0}],
-        "meshes": [_mesh(buffer, body, shapes, split)],
+        "meshes": [_mesh(buffer, body, shapes, split, {"dsnet": facts})],
         "skins": [skin],
         "animations": [_animation(buffer, moving, joints_m, shapes)],
         "accessors": buffer.accessors,
@@ -213,8 +213,13 @@ def _material(buffer: _Buffer, png: bytes) -> dict[str, Any]:
 
 
 def _mesh(
-    buffer: _Buffer, body: BodyModelData, shapes: BlendShapes, split: SplitMesh | None
+    buffer: _Buffer,
+    body: BodyModelData,
+    shapes: BlendShapes,
+    split: SplitMesh | None,
+    extras: dict[str, Any],
 ) -> dict[str, Any]:
+    """The mesh; of one that is split at its texture's seams the copies follow the vertices."""
     faces, vertex = body.faces, np.arange(body.vertex_count)
     if split is not None:
         faces, vertex = split.faces, split.vertex
@@ -235,11 +240,11 @@ def _mesh(
     if split is not None:  # glTF counts from the upper left
         attributes["TEXCOORD_0"] = buffer.add(split.places * [1, -1] + [0, 1])
         primitive["material"] = 0
-    mesh: dict[str, Any] = {"name": "body", "primitives": [primitive]}
+    mesh: dict[str, Any] = {"name": "body", "primitives": [primitive], "extras": extras}
     if shapes.names:
         targets = [buffer.add(shape_m[vertex], bounds=True) for shape_m in shapes.shapes_m]
         primitive["targets"] = [{"POSITION": accessor} for accessor in targets]
-        mesh |= {"weights": [0.0] * len(targets), "extras": {"targetNames": shapes.names}}
+        mesh |= {"weights": [0.0] * len(targets), "extras": {**extras, "targetNames": shapes.names}}
     return mesh
 
 

@@ -66,13 +66,19 @@ def write_ply(folder: Path, moving: MovingBody) -> None:
 def write_pc2(folder: Path, moving: MovingBody) -> None:
     """Write `body.pc2`, its base mesh and `about.json` into an empty folder.
 
-    Little-endian: the signature, version 1, the number of points, the first frame and the frames
-    between samples as float32, the number of samples; then x, y, z of every point, frame by frame.
     The format holds no rate: set the scene to 60 frames a second, one sample a frame.
     """
-    points = moving.body.vertex_count
-    header = struct.pack("<12siiffi", b"POINTCACHE2\0", 1, points, 0.0, 1.0, len(moving))
+    header = pc2_header(moving.body.vertex_count, len(moving))
     _write_cache(folder, "body.pc2", header, moving, "<f4")
+
+
+def pc2_header(points: int, samples: int) -> bytes:
+    """What stands before x, y, z of every point, frame by frame, as little-endian float32.
+
+    The signature, version 1, the number of points, the first frame and the frames between samples
+    as float32, the number of samples.
+    """
+    return struct.pack("<12siiffi", b"POINTCACHE2\0", 1, points, 0.0, 1.0, samples)
 
 
 def write_mdd(folder: Path, moving: MovingBody) -> None:

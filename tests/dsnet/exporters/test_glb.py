@@ -37,12 +37,10 @@ class Played:
         self.blob = self.gltf.binary_blob()
         (self.mesh,), (self.skin,) = self.gltf.meshes, self.gltf.skins
         (self.primitive,), (self.animation,) = self.mesh.primitives, self.gltf.animations
-        seams = self.gltf.asset.extras["dsnet"].get("seams")
+        copies = self.gltf.meshes[0].extras["dsnet"].get("copies_of", [])
         points = self.gltf.accessors[self.primitive.attributes.POSITION].count
-        self.vertex = np.arange(points)
+        self.vertex = np.array([*range(points - len(copies)), *copies])
         """The body's vertex that each of the file's is."""
-        if seams:
-            self.vertex = np.array([*range(seams["body_vertices"]), *seams["copies_of"]])
         assert len(self.vertex) == points
         self.targets = [self.array(one["POSITION"]) for one in self.primitive.targets or []]
 
