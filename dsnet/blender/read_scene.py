@@ -84,9 +84,11 @@ def frames_of(scene: Any, thing: Any, names: tuple[str, ...]) -> Iterator[NDArra
 
 
 def mesh_at_rest(thing: Any, bones: tuple[str, ...]) -> SceneMesh:
-    """Vertices with the person's shape, triangles and weights."""
+    """Vertices with the person's shape, triangles and weights; copies at seams are left out."""
     mesh = thing.data
-    vertices = _shaped(mesh)
+    vertex = body_vertices(mesh)
+    own = slice(int(vertex.max(initial=-1)) + 1)
+    vertices = _shaped(mesh)[own]
     to_world = np.array(thing.matrix_world)
     mesh.calc_loop_triangles()
     faces = np.empty(3 * len(mesh.loop_triangles), np.int32)
@@ -102,10 +104,21 @@ def mesh_at_rest(thing: Any, bones: tuple[str, ...]) -> SceneMesh:
     return SceneMesh(
         name=thing.name,
         vertices=vertices @ to_world[:3, :3].T + to_world[:3, 3],
-        faces=faces.reshape(-1, 3).astype(np.int64),
-        weights=weights,
+        faces=vertex[faces.reshape(-1, 3)],
+        weights=weights[own],
         betas=_betas_of(thing),
     )
+
+
+def body_vertices(mesh: Any) -> NDArray[np.int64]:
+    """(N,) which of the body's vertices each of the mesh's is: those at seams of the texture of a
+    file that `dsnet export` wrote are there several times, the copies last."""
+    facts, count = mesh.get(_FACTS), len(mesh.vertices)
+    copies = [] if facts is None else [int(one) for one in facts.get("copies_of", [])]
+    own = count - len(copies)
+    if own < 0 or not all(0 <= one < own for one in copies):  # another mesh has the property now
+        return np.arange(count)
+    return np.array([*range(own), *copies], np.int64)
 
 
 def _shaped(mesh: Any) -> NDArray[np.float64]:

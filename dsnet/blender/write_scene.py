@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from dsnet.blender.flesh import LARGEST_GAIN, KeyFit, SceneFlesh
-from dsnet.blender.read_scene import OF
+from dsnet.blender.read_scene import OF, body_vertices
 from dsnet.exporters.mesh_files import pc2_header
 from dsnet.prediction.transfer_cache import cache_folder
 
@@ -64,10 +64,11 @@ def write_keys(
     basis = np.empty(3 * len(mesh.vertices), np.float32)
     mesh.shape_keys.key_blocks[0].data.foreach_get("co", basis)
     mesh[VALUES] = [0.0] * len(found.shapes_m)
+    vertex = body_vertices(mesh)
     for number, shape_m in enumerate(found.shapes_m):
         key = thing.shape_key_add(name=f"{_KEY}{number:03d}", from_mix=False)
         key.slider_min, key.slider_max = -10.0, 10.0
-        moved = (shape_m @ to_local.T).astype(np.float32).ravel()
+        moved = (shape_m[vertex] @ to_local.T).astype(np.float32).ravel()
         key.data.foreach_set("co", basis + moved)
         _drive(
             key, "value", "gain * share",

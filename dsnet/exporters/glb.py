@@ -3,7 +3,7 @@
 Browsers, engines and Blender play it. The blend shapes are fitted to this motion (`BlendShapes`);
 the file's `extras` have their largest error. An embedded body has a material with its picture of
 skin. glTF has one place on a picture for each vertex, so vertices on seams are there several times:
-the body's own come first, and `extras` say of which vertices the others are copies.
+the body's own come first; of which the others are copies stands in the mesh's `extras`.
 """
 
 from __future__ import annotations
