@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.motion import Motion
 from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
 from bridge.tissue.oscillators import node_loads
@@ -101,6 +101,8 @@ def read_recording(path: Path, body: BodyModelData) -> Recording:
     else:
         motion = with_betas_on(load_recording(path), body, warn=False)
     markers = markers_of(motion)
+    if markers.note:
+        notify(f"{path}: {markers.note}")
     motion = motion.about_root_joint(root_joint_m(body, motion.betas))
     registered = register(body, motion, markers)
     if not any(spot.flesh and label in registered.vertices for label, spot in SPOTS.items()):

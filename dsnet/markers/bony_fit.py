@@ -28,6 +28,9 @@ _MARKER_M, _PLACE_M, _ASTRAY_M = 0.006, 0.02, 0.03
 distance on a marker counts less and less."""
 _TOGETHER, _AT_ONCE = 24, 128
 """Frames in which shape and places are sought, and frames that are posed at once."""
+_BRIDGED = 0.05
+"""What a marker counts where it was not seen, at a smooth bridge over the gap: no limb falls back
+to its usual pose there."""
 _ROUNDS, _MORE_ROUNDS, _DAMPING, _LONGEST_RAD = 15, 8, 0.3, 0.5
 _TRUNK = (("SACR", "LASI", "RASI", "LPSI", "RPSI", "LFWT", "RFWT", "LBWT", "RBWT"),
           ("C7", "T8", "T10", "CLAV", "STRN", "LSHO", "RSHO"))  # fmt: skip
@@ -72,19 +75,20 @@ def fit_body(body: BodyModelData, cloud: Cloud, labels: list[str]) -> FittedBody
     """Fit shape and poses of a body to the markers on bone `labels` of a cloud, y up."""
     points_m = np.stack([cloud.points_m[label] for label in labels], axis=1)
     seen = np.stack([cloud.seen[label] for label in labels], axis=1)
+    trust = np.where(seen, 1.0, _BRIDGED)
     skin = _Skin(body, bony_vertices(body, labels))
-    turns, roots_m = _standing(skin, points_m, seen, labels)
+    turns, roots_m = _standing(skin, points_m, trust, labels)
     some = np.unique(np.linspace(0, len(points_m) - 1, _TOGETHER).astype(int))
     for together in (False, True):
         few = turns[some], roots_m[some]
-        turns[some], roots_m[some] = _fitted(skin, *few, points_m[some], seen[some], together)
+        turns[some], roots_m[some] = _fitted(skin, *few, points_m[some], trust[some], together)
     for start in range(0, len(points_m), _AT_ONCE):
         now = slice(start, start + _AT_ONCE)
         # From the nearest of the frames that are posed already.
         near = some[np.abs(np.arange(len(points_m))[now, None] - some).argmin(axis=1)]
         turns[now, 1:] = turns[near, 1:]
         near_m = turns[now], roots_m[now]
-        there = points_m[now], seen[now]
+        there = points_m[now], trust[now]
         turns[now], roots_m[now] = _fitted(skin, *near_m, *there, rounds=_MORE_ROUNDS)
     off_m = np.linalg.norm(skin.places(turns, roots_m).places_m - points_m, axis=2)
     off_mm = 1e3 * np.nanmedian(np.where(seen, off_m, np.nan), axis=0)
@@ -207,7 +211,7 @@ _MEANS, _SPREADS = _usual()
 
 
 def _standing(
-    skin: _Skin, points_m: NDArray, seen: NDArray, labels: list[str]
+    skin: _Skin, points_m: NDArray, trust: NDArray, labels: list[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Usual turns (T, 22, 3, 3) and the root's place (T, 3) of bodies whose trunk is where its
     markers are."""
@@ -216,8 +220,7 @@ def _standing(
         key=lambda each: (len(each) > 2, each == sorted(each)),
     )
     shape = skin.rest_m[rows] - skin.joints_m[0]
-    there = seen[:, rows] | (seen[:, rows].sum(axis=1, keepdims=True) < 3)
-    root, places_m = kabsch(points_m[:, rows], shape, there.astype(float))
+    root, places_m = kabsch(points_m[:, rows], shape, trust[:, rows])
     usual = Rotation.from_rotvec(_MEANS).as_matrix()
     turns = np.tile(usual, (len(points_m), 1, 1, 1))
     turns[:, 0] = root
@@ -229,7 +232,7 @@ def _fitted(
     turns: NDArray,
     roots_m: NDArray,
     points_m: NDArray,
-    seen: NDArray,
+    trust: NDArray,
     together: bool = False,
     rounds: int = _ROUNDS,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -242,9 +245,9 @@ def _fitted(
         now = skin.places(turns, roots_m)
         off, slopes = points_m - now.places_m, skin.slopes_by_pose(now)
         astray = np.linalg.norm(off, axis=2) / _ASTRAY_M if turn > rounds // 3 else 0.0
-        trust = (seen / (1 + np.square(astray)) ** 2 / _MARKER_M**2)[..., None, None]
+        weights = (trust / (1 + np.square(astray)) ** 2 / _MARKER_M**2)[..., None, None]
         by_pose = slopes.reshape(len(off), -1, width + 3)
-        weighed = (trust * slopes).reshape(by_pose.shape)
+        weighed = (weights * slopes).reshape(by_pose.shape)
         flat = off.reshape(len(off), -1, 1)
         square = by_pose.swapaxes(1, 2) @ weighed + np.diag(stiff + _DAMPING)
         rotvecs = Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_rotvec().reshape(-1, width)
@@ -252,7 +255,7 @@ def _fitted(
         pull[:, :width, 0] -= stiff[:width] * (rotvecs - _MEANS.ravel())
         if together:
             by_person = skin.slopes_by_person(now, turns)
-            weighed_person = (trust * by_person).reshape(len(off), -1, len(own))
+            weighed_person = (weights * by_person).reshape(len(off), -1, len(own))
             by_person = by_person.reshape(weighed_person.shape)
             across = weighed.swapaxes(1, 2) @ by_person
             solved = np.linalg.solve(square, np.concatenate([across, pull], axis=2))

@@ -34,6 +34,9 @@ _SAME_LENGTH_S = 0.03
 _PERSON_M = (0.8, 3.5)
 """How much room markers of a person take up at any moment, largest extent."""
 _PADDED_FRAMES = 15
+_FEWEST_HELD, _MOST_REPEATED = 4, 0.3
+"""Markers that stay where they were in a frame that is repeated, and the part of a recording that
+such frames may be to be left out."""
 _RATE = "Pass --motion-fps N"
 _ABOVE = (SEGMENTS["head"].labels, SEGMENTS["thorax"].labels, SEGMENTS["pelvis"].labels)
 """Groups of markers, the first of which that is there is looked for above the feet."""
@@ -112,6 +115,7 @@ def checked_markers(file: MarkerFile, fps: float | None = None) -> Markers:
     if not (np.isfinite(data).all(axis=2).mean(axis=0) > SEEN_ENOUGH).any():
         raise refused(path, "markers that are hardly ever seen", "most of them in most frames")
     data, note = _in_metres(path, data, stored.per_m)
+    data, repeats = _without_repeats(data)
     up = Y_UP_FROM_Z_UP if stored.upright else _upright(data, names)
     upright = up.apply(data.reshape(-1, 3)).reshape(data.shape)
     if (fps := fps or stored.fps) is None:
@@ -121,7 +125,7 @@ def checked_markers(file: MarkerFile, fps: float | None = None) -> Markers:
         upright,
         names,
         fps,
-        note,
+        "; ".join(filter(None, (note, repeats))),
         {name: v for name, v in vertices.items() if type(v) is int and 0 <= v < N_VERTICES},
     )
 
@@ -200,6 +204,23 @@ def _upright(data_m: NDArray, names: Sequence[str]) -> Rotation:
     up = np.sign(head - foot)[axis] * np.eye(3)[axis]
     turned, _ = Rotation.align_vectors(np.array([[0.0, 1.0, 0.0]]), up[None])
     return turned
+
+
+def _without_repeats(data_m: NDArray) -> tuple[NDArray[np.float64], str]:
+    """Places that are NaN in frames in which all markers stay where they were, to the last digit,
+    and a note of these; a recording of which they are a large part stays as it is."""
+    there = np.isfinite(data_m).all(axis=2)
+    both = there[1:] & there[:-1]
+    held = (np.diff(data_m, axis=0) == 0).all(axis=2)
+    repeated = np.r_[False, (held == both).all(axis=1) & (both.sum(axis=1) >= _FEWEST_HELD)]
+    if not repeated.any():
+        return data_m, ""
+    counted = f"{repeated.sum()} of {len(repeated)} frames of its markers repeat the one before"
+    if repeated.mean() > _MOST_REPEATED:
+        return data_m, f"{counted}: they were recorded at another rate, or stand still"
+    first = int(np.argmax(repeated))
+    kept_m = np.where(repeated[:, None, None], np.nan, data_m)
+    return kept_m, f"{counted}, first frame {first}: they are left out"
 
 
 def _in_metres(path: Path, data: NDArray, per_m: float | None) -> tuple[NDArray[np.float64], str]:

@@ -91,7 +91,7 @@ def stageii(known: Known, per_frame: int = 1) -> dict[str, Any]:
 def older_stageii(known: Known) -> dict[Any, Any]:
     """MoSh++'s older layout: names by frame, of markers that were seen in it, and text of NumPy."""
     pose, points = pose_arrays(), sampled(known, gaps=0.02)
-    labels, seen = np.array(list(VERTICES)), ~np.isnan(points).any(axis=2)
+    labels, seen = np.array(list(VERTICES)), np.asarray(np.isfinite(points).all(axis=2))
     fields = {
         "pose_est_fullposes": pose["poses"],
         "pose_est_trans": pose["trans"],

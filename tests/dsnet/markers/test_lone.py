@@ -22,6 +22,7 @@ from dsnet.markers.marker_files import is_lone
 from dsnet.markers.places import ON_BONE, SAME_PLACE, bony_vertices
 from dsnet.stages import stage_evaluate
 from tests.forged.c3d import c3d
+from tests.forged.markers import Known, marker_file
 
 BODY = load_body_model("embedded:female")
 BETAS = np.array([1.2, -1.0, 0.8, 0, 0, 0, 0, 0, 0, 0])
@@ -76,6 +77,7 @@ def walk(path: Path, labels: list[str] | None = None) -> Path:
     points_m = np.stack([POINTS_M[label] for label in labels], axis=1)
     z_up = Y_UP_FROM_Z_UP.inv().apply(points_m.reshape(-1, 3)).reshape(points_m.shape)
     z_up[60:66, 2] = np.nan
+    z_up[100:112] = z_up[100]  # the recording froze
     path.write_bytes(c3d(1e3 * z_up, [f"Anna:{NAMES.get(label, label)}" for label in labels]))
     return path
 
@@ -101,6 +103,8 @@ def test_a_walk_tells_pose_shape_and_what_is_soft(
                for b in (BETAS, motion.betas, np.zeros(10))]  # fmt: skip
     assert abs(heights[1] - heights[0]) < 0.5 * abs(heights[2] - heights[0])
     assert "31 markers on bone" in capsys.readouterr().err
+    assert "11 of 240 frames of its markers repeat the one before" in lone.markers.note
+    assert off_mm[100:112].max() < 80
     rows = {row.label: row for row in measure_alone(lone).rows}
     assert {*SOFT, "STRN"} == {*rows}
     for label in SOFT:
@@ -190,3 +194,13 @@ def test_recordings_without_poses_are_one_persons_of_a_folder(tmp_path: Path) ->
     _, people, refused = subjects_of(tmp_path, None)
     assert sorted(len(person.files) for person in people) == [1, 2]
     assert not refused
+
+
+def test_what_the_reader_of_a_file_says_is_told(
+    known: Known, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with np.load(marker_file(tmp_path / "a.npz", known)) as stored:
+        arrays = {name: stored[name] for name in stored if name != "trans"}
+    np.savez(tmp_path / "a.npz", **arrays)
+    subjects_of(tmp_path, None)
+    assert "a.npz says nowhere where the body is" in capsys.readouterr().err

@@ -139,6 +139,17 @@ def test_numbers_that_mean_unseen_are_no_places(known: Known, tmp_path: Path, va
     assert row["LBUST"].flesh_r2_up > 0.99
 
 
+@pytest.mark.parametrize("frames", [12, 120])
+def test_frames_that_are_repeated_are_told(known: Known, tmp_path: Path, frames: int) -> None:
+    """Those of a short freeze are left out; a motion of which they are half stays as it is."""
+    points = sampled(known)
+    points[60 : 60 + frames] = points[60]
+    markers = markers_in(changed(known, tmp_path, points))
+    assert f"{frames - 1} of {len(points)} frames of its markers repeat" in markers.note
+    assert np.isnan(markers.points_m[61 : 60 + frames]).all() == (frames < 50)
+    assert np.isfinite(markers.points_m[60]).all()
+
+
 def test_a_gap_that_was_filled_with_one_place_is_a_gap(known: Known, tmp_path: Path) -> None:
     points, bust = sampled(known), LABELS.index("LBUST")
     points[80:140, bust] = points[80, bust]
