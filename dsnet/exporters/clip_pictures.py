@@ -26,6 +26,7 @@ from bridge.runs.artifact import DataShown
 from bridge.runs.workers import progress, worker_pool
 from dsnet.pictures.panels import MAGNITUDE_COLOURS, footer, magnitude_colours, scale_top_m
 from dsnet.pictures.render import frame_camera, render_bodies
+from dsnet.pictures.skins import skin_of
 from dsnet.prediction.moving_body import MovingBody
 
 _SMOOTH_S, _CAMERA_ANGLE_RAD, _GAP_M = 0.5, 0.35, 0.15
@@ -56,6 +57,7 @@ class RenderedClip:
         self.fps = motion.fps / self._step
         self._stage = ClipStage(moving, self._step, body_px * (1 + len(moving)))
         self._alone = Smpl(self._body).person(motion.betas)
+        self._skin = None if moving[0].plain else skin_of(self._body)
         camera, titles = self._stage.camera, [one.trained.label for one in moving]
         self._page = ClipPage(
             camera.width_px,
@@ -95,7 +97,7 @@ class RenderedClip:
     def _draw(self, item: tuple[int, Sequence[tuple[NDArray, NDArray]]]) -> Image.Image:
         """The page of one frame: its number, and vertices and colours (V, 3) of each predictor."""
         frame, predicted = item
-        bodies = [(self._pose_alone(frame), None), *predicted]
+        bodies = [(self._pose_alone(frame), self._skin), *predicted]
         picture = render_bodies(
             [self._stage.place(body[0], frame, column) for column, body in enumerate(bodies)],
             self._body.faces,

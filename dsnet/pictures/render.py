@@ -25,19 +25,19 @@ CLAY_SRGB = (0.86, 0.79, 0.73)
 _MARGIN = 0.04
 _LAMP = np.array([-0.5, 1.0, 0.75]) / np.linalg.norm([-0.5, 1.0, 0.75])
 """Direction from the bodies to the centre of the lamp, a sphere."""
-_LAMP_RADIUS = 0.5
+_LAMP_RADIUS = 0.65
 # What a white surface reflects: of the lamp when it faces it, of the ambient light when its normal
 # is horizontal, and how much more when it points up.
 _KEY, _AMBIENT, _FROM_ABOVE = 0.6, 0.5, 0.08
 # Rays from a vertex to the lamp and to the surroundings; number of different sets of rays, which
 # vertices use in turn; how often the result is averaged over neighbouring faces.
-_KEY_RAYS, _AMBIENT_RAYS, _RAY_SETS, _SMOOTHINGS = 5, 5, 6, 4
+_KEY_RAYS, _AMBIENT_RAYS, _RAY_SETS, _SMOOTHINGS = 6, 6, 6, 6
 # An unshaded floor is brighter than 1, so that it clips to the white of the page.
 _FLOOR, _FLOOR_KEY, _FLOOR_RAYS, _FLOOR_TILE, _FLOOR_BLUR = 1.08, 0.63, 6, 4, 1.8
 _GRID_PX, _BORDER = 4, 4
 """Pixels between the grid points where the floor's light is computed; grid points around the
 picture."""
-_LIFT_M, _FACING_AWAY = 1e-3, -0.3
+_LIFT_M, _FACING_AWAY = 3e-3, -0.3
 _OUTLINE_PX = 8.0
 """Neighbouring pixels whose depths differ by more than this many pixels lie on an outline."""
 _NO_HIT_M = np.float32(-1e9)

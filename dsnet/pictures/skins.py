@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,19 +19,13 @@ class Skin:
 
     Parameters
     ----------
-    picture : (H, W, 3) sRGB, 0 to 255.
+    levels : the picture in linear light, (H, W, 3) and ever coarser.
     places : (F, 3, 2) of the faces' corners, 0 to 1 from the lower left.
     texel_m : about the width of a texel on the body, metres.
     """
 
-    def __init__(self, picture: NDArray[np.uint8], places: NDArray, texel_m: float) -> None:
-        self._places, self._texel_m = places.astype(np.float32), texel_m
-        levels = [srgb_to_linear(picture / 255).astype(np.float32)]
-        while min(levels[-1].shape[:2]) > 1:
-            rows, columns = (size // 2 for size in levels[-1].shape[:2])
-            fours = levels[-1][: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2, 3)
-            levels.append(fours.mean(axis=(1, 3)))
-        self._levels = levels
+    def __init__(self, levels: Sequence[NDArray], places: NDArray, texel_m: float) -> None:
+        self._levels, self._places, self._texel_m = levels, places.astype(np.float32), texel_m
 
     def at(self, faces: NDArray, shares: NDArray, pixel_m: float) -> NDArray[np.float32]:
         """Linear colours (N, 3) on faces (N,) at barycentric coordinates (N, 3).
@@ -57,13 +53,24 @@ def skin_of(body: BodyModelData) -> Skin | None:
     png, texture = skin_png(body), body.texture
     if png is None or texture is None:
         return None
-    with Image.open(io.BytesIO(png)) as opened:
-        picture = np.asarray(opened.convert("RGB"))
-    places = texture.places[texture.corners]
+    levels, places = _levels_of(png), texture.places[texture.corners]
     sides = body.v_template[body.faces]
     length_m = np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1).sum()
     length = np.linalg.norm(places[:, 1] - places[:, 0], axis=1).sum()
-    return Skin(picture, places, float(length_m / length) / picture.shape[1])
+    return Skin(levels, places, float(length_m / length) / levels[0].shape[1])
+
+
+@lru_cache(maxsize=2)
+def _levels_of(png: bytes) -> list[NDArray[np.float32]]:
+    """The picture in linear light, and ever half as large."""
+    with Image.open(io.BytesIO(png)) as opened:
+        picture = np.asarray(opened.convert("RGB"))
+    levels = [srgb_to_linear(np.arange(256) / 255).astype(np.float32)[picture]]
+    while min(levels[-1].shape[:2]) > 1:
+        rows, columns = (size // 2 for size in levels[-1].shape[:2])
+        fours = levels[-1][: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2, 3)
+        levels.append(fours.mean(axis=(1, 3)))
+    return levels
 
 
 def srgb_to_linear(colour: ArrayLike) -> NDArray[np.float64]:

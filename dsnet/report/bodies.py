@@ -19,6 +19,7 @@ from bridge.runs.artifact import DataOrigin
 from dsnet.evaluation.pipelines import AUTOENCODER, MotionArrays, Pipeline, pipelines_of
 from dsnet.pictures.panels import draw_panels, magnitude_colours, scale_top_m
 from dsnet.pictures.render import frame_camera, render_bodies
+from dsnet.pictures.skins import skin_of
 
 _FIGURE1_BODIES = 7
 """Bodies in each row of Figure 1, spread over the motion."""
@@ -217,7 +218,7 @@ def _draw(path: Path, scene: Scene, rows: Sequence[Sequence[Panel | None]], **lo
         if panel is None:
             return np.full((camera.height_px, camera.width_px, 3), 255, np.uint8)
         body, size_m = panel
-        colours = None if size_m is None else magnitude_colours(size_m, top_m)
+        colours = skin_of(scene.body) if size_m is None else magnitude_colours(size_m, top_m)
         return render_bodies([body], scene.body.faces, camera=camera, colours=[colours])
 
     pictures = [[picture(panel) for panel in row] for row in rows]

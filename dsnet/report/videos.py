@@ -24,6 +24,7 @@ from dsnet.exporters.clip_pictures import ClipPage, turned_to_camera
 from dsnet.exporters.clips import encode_mp4
 from dsnet.pictures.panels import FOOTERS, magnitude_colours, scale_top_m
 from dsnet.pictures.render import Camera, frame_camera, render_bodies
+from dsnet.pictures.skins import skin_of
 from dsnet.report.bodies import Scene, Series, lively_frames
 
 _STEP = 2
@@ -173,7 +174,9 @@ class _Row:
         step_m = np.array([self._column_m, 0.0, 0.0])
         bodies = [posed[picture] + k * step_m for k, (_, posed, _) in enumerate(self.columns)]
         colours = [
-            None if sizes_m is None else magnitude_colours(sizes_m[picture], self._top_m)
+            skin_of(self.scene.body)
+            if sizes_m is None
+            else magnitude_colours(sizes_m[picture], self._top_m)
             for *_, sizes_m in self.columns
         ]
         faces = self.scene.body.faces

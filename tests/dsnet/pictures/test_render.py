@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from dsnet.pictures.panels import magnitude_colours, scale_top_m
-from dsnet.pictures.render import frame_camera, render_bodies, srgb_to_linear
+from dsnet.pictures.render import frame_camera, render_bodies
+from dsnet.pictures.skins import skin_of, srgb_to_linear
 
 TETRAHEDRON = np.array([[-0.5, 0, -0.3], [0.5, 0, -0.3], [0, 0, 0.6], [0, 1.6, 0]])
 FACES = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])
@@ -122,3 +125,26 @@ def test_colours_grow_darker_with_magnitude():
 )
 def test_colour_scale_ends_at_a_round_number(largest_m, top_m):
     assert scale_top_m(np.full(10, largest_m)) == pytest.approx(top_m)
+
+
+def test_a_skin_is_drawn_where_it_lies():
+    """From the crown down: dark hair, skin, a dark top, skin, dark shorts."""
+    body = load_body_model("embedded:female")
+    camera = frame_camera([body.v_template], height_px=200, azimuth_deg=0.0, elevation_deg=0.0)
+    picture = render_bodies(
+        [body.v_template], body.faces, camera=camera, colours=[skin_of(body)]
+    ).astype(int)
+    heights_m = {"hair": 0.73, "forehead": 0.69, "top": 0.25, "belly": 0.12, "shorts": -0.05}
+    seen = {}
+    for part, height_m in heights_m.items():
+        _, up, away = (
+            np.array([0, height_m, 0.1]) - camera.target_m - camera.away_m
+        ) @ camera.axes.T
+        row = camera.height_px / 2 + up / away / camera.pixel
+        seen[part] = picture[round(row), camera.width_px // 2]
+    for part in ("hair", "top", "shorts"):
+        assert seen[part].max() < 120, part
+    for part in ("forehead", "belly"):
+        red, green, blue = seen[part]
+        assert red > green > blue > 60, part
+    assert skin_of(replace(body, texture=None)) is None
