@@ -2,7 +2,8 @@
 
 A point cache holds positions alone; a tool applies them to a mesh with the same vertices in the
 same order: `body.obj`, the body in its first frame. `about.json` beside it has the facts that a
-cache cannot hold. PC2 comes from 3ds Max and is read by Blender's Mesh Cache and others; MDD comes
+cache cannot hold. An embedded body's picture of skin lies beside an OBJ, with the material
+`body.mtl`. PC2 comes from 3ds Max and is read by Blender's Mesh Cache and others; MDD comes
 from LightWave and is read by Blender, Maya, Houdini and others.
 """
 
@@ -16,10 +17,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body import BodyModelData
 from bridge.body.surface_operators import vertex_normals
 from dsnet.exporters.output import export_facts, facts_in_a_line
 from dsnet.prediction.moving_body import MovingBody
+
+_MATERIAL, _PICTURE = "body.mtl", "skin.png"
+_SKIN = f"newmtl skin\nKa 0 0 0\nKd 1 1 1\nKs 0.04 0.04 0.04\nNs 10\nillum 2\nmap_Kd {_PICTURE}\n"
 
 
 def surfaces(
@@ -37,7 +40,7 @@ def surfaces(
 
 def write_obj(folder: Path, moving: MovingBody) -> None:
     """Write `frame_00000.obj`, ... into an empty folder."""
-    comment, faces = facts_in_a_line(moving), _obj_faces(moving.body)
+    comment, faces = facts_in_a_line(moving), _obj_faces(moving, folder)
     for number, (vertices_m, normals, _) in enumerate(surfaces(moving, "obj")):
         path, header = folder / f"frame_{number:05d}.obj", f"frame {number} of {comment}"
         _save_obj(path, vertices_m, normals, faces, header)
@@ -99,7 +102,7 @@ def _write_cache(folder: Path, name: str, header: bytes, moving: MovingBody, dty
             file.write(np.ascontiguousarray(posed.vertices_m, dtype).tobytes())
     vertices_m, normals, _ = next(surfaces(moving))
     comment = f"base mesh of a point cache: {facts_in_a_line(moving)}"
-    _save_obj(folder / "body.obj", vertices_m, normals, _obj_faces(moving.body), comment)
+    _save_obj(folder / "body.obj", vertices_m, normals, _obj_faces(moving, folder), comment)
     (folder / "about.json").write_text(
         json.dumps(export_facts(moving), indent=2) + "\n", encoding="utf-8"
     )
@@ -111,14 +114,23 @@ def _save_obj(path: Path, vertices_m: NDArray, normals: NDArray, faces: str, com
     path.write_text(f"# {comment}\n{vertices}{faces}", encoding="utf-8")
 
 
-def _obj_faces(body: BodyModelData) -> str:
-    """Lines of texture coordinates and faces, whose corners are vertex/texture/normal."""
+def _obj_faces(moving: MovingBody, folder: Path) -> str:
+    """Lines of texture coordinates and faces, whose corners are vertex/texture/normal.
+
+    A body with a picture of skin has a material of it, which is written into the folder.
+    """
+    body, png = moving.body, moving.skin_png
     faces = body.faces + 1
     if body.texture is None:
         return _lines("f %d//%d %d//%d %d//%d", np.stack([faces, faces], axis=2))
     corners = np.stack([faces, body.texture.corners + 1, faces], axis=2)
     face_lines = _lines("f %d/%d/%d %d/%d/%d %d/%d/%d", corners)
-    return _lines("vt %.6f %.6f", body.texture.places) + face_lines
+    places = _lines("vt %.6f %.6f", body.texture.places)
+    if png is None:
+        return places + face_lines
+    (folder / _PICTURE).write_bytes(png)
+    (folder / _MATERIAL).write_text(_SKIN, encoding="utf-8")
+    return f"mtllib {_MATERIAL}\n{places}usemtl skin\n{face_lines}"
 
 
 def _lines(template: str, rows: NDArray) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from bridge.body.skin import skin_png
 from dsnet.exporters.mesh_files import write_mdd, write_obj, write_pc2, write_ply
 from dsnet.prediction.moving_body import MovingBody
 from tests.dsnet.exporters.conftest import FRAMES, moving_body
@@ -57,8 +58,10 @@ def test_obj(character, tmp_path):
     moving = moving_body(character, 3)
     write_obj(tmp_path, moving)
     (posed,) = moving
-    paths = sorted(tmp_path.iterdir())
+    *paths, picture = sorted(tmp_path.iterdir())[1:]
     assert [path.name for path in paths] == [f"frame_{n:05d}.obj" for n in range(3)]
+    assert picture.read_bytes() == skin_png(character.body)
+    assert f"map_Kd {picture.name}\n" in (tmp_path / "body.mtl").read_text()
     for path, vertices_m in zip(paths, posed.vertices_m, strict=True):
         assert "synthetic" in path.read_text().partition("\n")[0]
         mesh = trimesh.load_mesh(path, process=False, maintain_order=True)
