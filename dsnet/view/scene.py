@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.parts import PARTS, part_weights
 from bridge.body.posing import Smpl
+from bridge.body.skin import skin_png, split_at_seams
 from bridge.errors import DsnetError
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.motion_checks import motion_warnings
@@ -70,8 +71,11 @@ class Scene:
         self.body, self._clips = clip_list.best.body, list(clip_list.clips.items())
         self._live, self._plus, self.baked = self._live_predictor()
         """Why no model runs in the page; empty if one does."""
+        self._skin_png = skin_png(self.body)
         self.assets: dict[str, Callable[[], bytes]] = {}
         """Functions that make the assets, by name; `runtime` is compressed by gzip."""
+        if png := self._skin_png:
+            self.assets["skin"] = lambda: png
         if plus := self._plus:
             self.assets |= {
                 "runtime": (BUNDLE / "runtime.wasm.gz").read_bytes,
@@ -145,9 +149,23 @@ class Scene:
             "labels": {SMPL_ALONE: "SMPL alone", **clip_list.predictors, TRUTH: TRUTH},
             "motions": [self.entry(number) for number in range(len(self._clips))],
         }
-        return json.dumps(facts | self._facts_of_skin()).encode()
+        return json.dumps(facts | self._facts_of_skinning() | self._facts_of_skin()).encode()
 
     def _facts_of_skin(self) -> dict[str, Any]:
+        """How the asset `skin`, a picture, lies on the body, if it has one; see `SplitMesh`."""
+        body = self.body
+        if self._skin_png is None or body.texture is None:
+            return {}
+        split = split_at_seams(body.faces, body.texture)
+        places = np.rint(split.places * 65535)
+        skin = {
+            "faces": _text(split.faces, "<u2"),
+            "copy_of": _text(split.vertex[body.vertex_count :], "<u2"),
+            "places": _text(places, "<u2"),
+        }
+        return {"skin": skin}
+
+    def _facts_of_skinning(self) -> dict[str, Any]:
         """Skinning weights and facts of the graph; without a graph one bone moves all vertices."""
         body, plus = self.body, self._plus
         weights = bone_weights(body) if plus else np.ones((body.vertex_count, 1))

@@ -22,7 +22,7 @@ async function main() {
   const scene = (state.scene = await json("scene"));
   const parts = scene.baked ? [] : Promise.all([asset("model"), asset("runtime")]);
   state.body = new Body(scene);
-  try { state.stage = new Stage($("view"), state.body); } catch { throw new Error("this browser draws no WebGL: switch on its hardware acceleration, or take another one"); }
+  try { state.stage = new Stage($("view"), state.body, scene.skin); } catch { throw new Error("this browser draws no WebGL: switch on its hardware acceleration, or take another one"); }
   if (typeof WebAssembly !== "object") throw new Error("this browser runs no WebAssembly, which the model needs");
   startModel(surveyed);
   for (const start of [controls, gainControls, shapeControls, dropControls, keyControls]) start();
@@ -30,6 +30,7 @@ async function main() {
   const [model, wasm] = await parts;
   work("open", { scene, model, wasm }, model ? [model, wasm] : []);
   work("gains", { gains: state.gains });
+  if (scene.skin) await state.stage.wear(await asset("skin"));
   state.stage.warm(); // while the model opens
   await choose(firstMotion);
   if (!scene.baked) loadShapes();

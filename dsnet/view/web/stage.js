@@ -6,6 +6,7 @@ import {
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { distances } from "./body.js";
+import { Skin, pictureOf } from "./skin.js";
 
 // Colours of the report, from 0 to the end of the scale.
 export const COLOURS = [[252, 240, 178], [254, 196, 136], [253, 154, 106], [246, 110, 92], [224, 76, 103],
@@ -20,9 +21,10 @@ const texture = (colours) => Object.assign(new DataTexture(new Uint8Array(colour
   colorSpace: SRGBColorSpace, magFilter: LinearFilter, minFilter: LinearFilter, needsUpdate: true });
 
 export class Stage {
-  constructor(canvas, body) {
+  constructor(canvas, body, skinFacts) {
     this.canvas = canvas;
     this.body = body;
+    this.skin = skinFacts && new Skin(skinFacts, body.count);
     this.renderer = new WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
     this.renderer.setScissorTest(true);
     this.renderer.shadowMap.enabled = true;
@@ -38,40 +40,44 @@ export class Stage {
     this.controls.autoRotateSpeed = 60 / TURN_S;
     this.lights();
     this.grid.material.vertexColors = false;
-    this.clay = texture([CLAY]);
+    this.plain = texture([CLAY]); // where no colours are shown
     this.palette = texture(COLOURS);
     this.palette.offset.x = 0.5 / COLOURS.length; // the middle of the first colour
     this.bodies = {};
   }
 
   lights() {
-    const key = new DirectionalLight(0xfff4e8, 2.6), rim = new DirectionalLight(0xdfe8ff, 1.1);
+    const key = new DirectionalLight(0xfff4e8, 2.2), rim = new DirectionalLight(0xdfe8ff, 1.1);
     key.position.set(2.2, 4.2, 3.2);
     rim.position.set(-3, 2.5, -3.5);
     key.castShadow = true;
     key.shadow.mapSize.set(2048, 2048);
     Object.assign(key.shadow.camera, { left: -4, right: 4, top: 3.5, bottom: -3.5, near: 0.5, far: 14 });
-    Object.assign(key.shadow, { bias: -0.0004, normalBias: 0.012, radius: 4 });
+    Object.assign(key.shadow, { bias: -0.0006, normalBias: 0.03, radius: 8, intensity: 0.75 });
     const ground = new Mesh(new PlaneGeometry(60, 60).rotateX(-Math.PI / 2), new ShadowMaterial({ opacity: 0.2 }));
     ground.receiveShadow = true;
     ground.position.y = -0.002; // below the soles
     this.grid = new GridHelper(40, 80, 0xd8d3cb, 0xe3dfd8);
     this.grid.position.y = -0.003;
-    this.scene.add(new HemisphereLight(0xffffff, 0xb8aea2, 1.25), key, rim, ground, this.grid);
+    this.scene.add(new HemisphereLight(0xffffff, 0xb8aea2, 1.5), key, rim, ground, this.grid);
   }
 
   figure(name) {
     if (this.bodies[name]) return this.bodies[name];
-    const { count, faces } = this.body, geometry = new BufferGeometry();
-    geometry.setIndex((this.index ??= new BufferAttribute(faces, 1))); // one for all bodies
+    const { body: { count, faces }, skin } = this, geometry = new BufferGeometry(), drawn = skin?.drawn ?? count;
+    geometry.setIndex((this.index ??= skin?.index ?? new BufferAttribute(faces, 1))); // one for all bodies
+    if (skin) geometry.setAttribute("uv1", skin.places);
     for (const [attribute, width] of [["position", 3], ["normal", 3], ["uv", 1]]) // uv: metres, the place in a texture's row
-      geometry.setAttribute(attribute, new BufferAttribute(new Float32Array(count * width), width).setUsage(DynamicDrawUsage));
-    const mesh = new Mesh(geometry, new MeshStandardMaterial({ roughness: 0.62, metalness: 0, map: this.clay }));
+      geometry.setAttribute(attribute, new BufferAttribute(new Float32Array(drawn * width), width).setUsage(DynamicDrawUsage));
+    const mesh = new Mesh(geometry, new MeshStandardMaterial({ roughness: 0.62, metalness: 0, map: this.plain }));
     mesh.frustumCulled = false; // no bounding sphere to be kept up to date
     mesh.castShadow = mesh.receiveShadow = true;
     this.scene.add(mesh);
     return (this.bodies[name] = mesh);
   }
+
+  // Show the picture of skin (a PNG file) where no colours are shown.
+  async wear(png) { this.plain = await pictureOf(png, Math.min(8, this.renderer.capabilities.getMaxAnisotropy())); }
 
   // Draw once, as the first drawing compiles the shaders, which takes most of its time.
   warm() {
@@ -84,6 +90,7 @@ export class Stage {
     const { position, normal, uv } = this.figure(name).geometry.attributes;
     this.body.skin(frame.rest, offsets, gains, frame.bones, position.array, uv.array);
     this.body.normals(position.array, normal.array);
+    for (const { array, itemSize } of [position, normal, uv]) this.skin?.copy(array, itemSize);
     position.needsUpdate = normal.needsUpdate = uv.needsUpdate = true;
   }
 
@@ -93,7 +100,8 @@ export class Stage {
     for (const name of shown) {
       const { material, geometry: { attributes: { position, uv } } } = this.figure(name);
       const coloured = colouring === "size" ? name !== "smpl" : colouring === "apart" && name !== "truth";
-      material.map = coloured ? this.palette : this.clay;
+      const map = coloured ? this.palette : this.plain;
+      if (material.map !== map) Object.assign(material, { map, needsUpdate: material.map.channel !== map.channel });
       if (coloured && colouring === "apart") distances(position.array, this.bodies.truth.geometry.attributes.position.array, uv.array);
     }
   }

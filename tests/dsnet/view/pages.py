@@ -71,9 +71,14 @@ class Shown:
         self.page.wait_for_selector("body[data-ready]", state="attached")
 
     def vertices_m(self, name: str, frame: int) -> np.ndarray:
-        """(V, 3) of a body, when its exact frame is drawn."""
+        """(V, 3) of a body, when its exact frame is drawn; copies on seams, which follow, agree."""
         text = self.page.evaluate(_VERTICES, [name, frame])
-        return np.frombuffer(base64.b64decode(text), "<f4").reshape(-1, 3)
+        drawn_m = np.frombuffer(base64.b64decode(text), "<f4").reshape(-1, 3)
+        count, *copy_of = self.page.evaluate(
+            "[page.stage.body.count, ...page.stage.skin?.copyOf ?? []]"
+        )
+        np.testing.assert_array_equal(drawn_m[count:], drawn_m[copy_of])
+        return drawn_m[:count]
 
     def moves_as_predicted(
         self,

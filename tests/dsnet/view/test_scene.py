@@ -11,6 +11,7 @@ import pytest
 
 from bridge.body import pose_vertices
 from bridge.body.posing import rest_vertices
+from bridge.body.skin import skin_png
 from bridge.motion import unpack_theta
 from dsnet.evaluation.pipelines import MotionArrays
 from dsnet.prediction.controls import root_joint_m
@@ -72,7 +73,7 @@ def test_where_the_graph_may_not_go_places_are_baked(clip_list):
     facts = facts_of(scene)
     assert facts["origin"] == "synthetic flesh"
     assert "licence" in facts["baked"]
-    assert {"runtime", "model", "shapes", "loop0"}.isdisjoint(scene.assets)
+    assert {"skin", "runtime", "model", "shapes", "loop0"}.isdisjoint(scene.assets)
     assert {"graph", "root_joint", "root_joint_shapes"}.isdisjoint(facts)
     assert (numbers(facts["bone_weight"], "<f4") == 1).all()
     motion = clip_list.clips[JUMP].read()
@@ -83,6 +84,17 @@ def test_where_the_graph_may_not_go_places_are_baked(clip_list):
     alone_m = track_m(scene.assets["track0_smpl"]()) + motion.theta[:, None, -3:]
     found_m = alone_m + track_m(scene.assets["track0_dsnet_plus"]())
     np.testing.assert_allclose(found_m, moved_m, atol=1.1 * STEP_M)
+
+
+def test_a_skin_lies_on_the_faces(clip_list):
+    scene, body = Scene(clip_list), clip_list.best.body
+    facts = facts_of(scene)["skin"]
+    assert scene.assets["skin"]() == skin_png(body)
+    vertex = np.concatenate([np.arange(body.vertex_count), numbers(facts["copy_of"], "<u2")])
+    faces = numbers(facts["faces"], "<u2").reshape(-1, 3)
+    np.testing.assert_array_equal(vertex[faces], body.faces)
+    places = numbers(facts["places"], "<u2").reshape(-1, 2) / 65535
+    np.testing.assert_allclose(places[faces], body.texture.places[body.texture.corners], atol=1e-6)
 
 
 def test_rounds_lead_to_a_lap_that_stands_where_it_stood():
