@@ -9,6 +9,7 @@ const LEGENDS = {
   size: ["size of the offset", "How far the flesh is from SMPL's skin. Not zero at rest: it is zero in the T-pose, and gravity has turned since."],
   apart: ["distance to the truth", "How far the skin is from where it should be."],
 };
+const placed = {};
 let curves;
 
 // Show the moment between two frames; passed: seconds since the last drawing.
@@ -34,7 +35,15 @@ export function show(a, b, fraction, passed) {
   document.body.dataset.ready ??= String(performance.now());
 }
 
+// Whether this part of the page is to be written anew: writing each time would lay out the page each time.
+function isNew(part, ...facts) {
+  const key = facts.join(), was = placed[part];
+  placed[part] = key;
+  return key !== was;
+}
+
 function legend(colouring, scaleMm) {
+  if (!isNew("legend", colouring, scaleMm)) return;
   const [what, about] = LEGENDS[colouring] ?? ["", ""];
   $("legend").hidden = !what;
   $("most").textContent = `${scaleMm} mm and more`;
@@ -44,10 +53,11 @@ function legend(colouring, scaleMm) {
 
 // Labels: each in the middle of its view; one below the other if bodies overlie; on both sides of a wipe.
 function tags(layout, names) {
-  const { wipeAt } = state, { clientWidth: wide, clientHeight: high } = $("view"), views = layout === "side" ? names.length : 1;
+  const { wipeAt } = state, { clientWidth: wide, clientHeight: high } = $("view"), views = layout === "side" ? Math.max(1, names.length) : 1;
+  if (!isNew("tags", layout, names, wipeAt, wide, high)) return;
   $("bar").hidden = layout !== "wipe" || names.length < 2;
   $("bar").style.left = `${100 * wipeAt}%`;
-  $("tags").style.setProperty("--views", Math.max(1, views));
+  $("tags").style.setProperty("--views", views);
   for (const name of allNames()) {
     const tag = $(`tag-${name}`), i = names.indexOf(name), wipes = layout === "wipe" && names.length > 1;
     tag.hidden = i < 0 || (wipes && i > 1);

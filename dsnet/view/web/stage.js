@@ -13,7 +13,7 @@ export const COLOURS = [[252, 240, 178], [254, 196, 136], [253, 154, 106], [246,
                         [188, 57, 120], [150, 44, 128], [114, 31, 129], [76, 17, 122], [37, 18, 85]];
 const CLAY = [219, 196, 178];
 const HEIGHT_M = 2.56, WIDTH_M = 1.7; // of what is in view at first, about TARGET
-const TARGET = [0, 0.9, 0], ANGLE = 0.1; // where the camera looks, and from where about the vertical: 0 is from +z
+const TARGET = [0, 0.9, 0], ANGLE = 0.1, RISE = 0.04; // where the camera looks at first, from which angle and slope
 const TURN_S = 20; // one turn of the turntable
 
 // A texture of colours in a row, which is looked up by one number and interpolated.
@@ -113,44 +113,37 @@ export class Stage {
     this.grid.material.color.set(grid);
   }
 
-  // Fit the camera to the size of a view, and, if it or their number is new, its distance: a body fits, also on an upright phone.
+  // Fit the camera to the size of a view; if that or the number of views is new, also its distance.
   fit(views) {
-    const { clientWidth: width, clientHeight: height } = this.canvas, ratio = Math.min(devicePixelRatio, 2);
-    const fitted = [views, width, height, ratio].join();
+    const { canvas: { clientWidth: width, clientHeight: height }, camera, controls: { target } } = this, ratio = Math.min(devicePixelRatio, 2);
+    const fitted = [views, width, height, ratio].join(), isFirst = !this.fitted;
     if (this.fitted === fitted) return;
-    const isFirst = !this.fitted;
     this.fitted = fitted;
     this.renderer.setPixelRatio(ratio);
     this.renderer.setSize(width, height, false);
-    this.camera.aspect = width / views / height;
-    this.camera.updateProjectionMatrix();
+    camera.aspect = width / views / height;
+    camera.updateProjectionMatrix();
     if (isFirst) this.reset();
-    else this.back();
+    camera.position.sub(target).setLength(this.distance()).add(target);
+    this.controls.update();
+  }
+
+  // From where a whole body is in view, also on an upright phone.
+  distance() {
+    return Math.max(HEIGHT_M, WIDTH_M / this.camera.aspect) / 2 / Math.tan((this.camera.fov * Math.PI) / 360);
   }
 
   // The camera as it was at first.
   reset() {
-    this.controls.autoRotate = false;
+    this.turns = false;
     this.controls.target.set(...TARGET);
-    this.camera.position.set(0, TARGET[1] + 0.04, 1);
-    this.back();
-    this.look(ANGLE);
+    this.look(ANGLE, this.distance());
   }
 
-  // To the distance at which a body is in view.
-  back() {
-    const { camera, controls: { target } } = this, slope = Math.tan((camera.fov * Math.PI) / 360);
-    const distance = Math.max(HEIGHT_M, WIDTH_M / camera.aspect) / 2 / slope;
-    camera.position.sub(target).setLength(distance).add(target);
+  // From an angle about the vertical, where 0 is from +z, and level; by default from as far as now.
+  look(angle, distance = this.camera.position.distanceTo(this.controls.target)) {
+    this.camera.position.set(Math.sin(angle), RISE, Math.cos(angle)).setLength(distance).add(this.controls.target);
     this.controls.update();
-  }
-
-  // From another side, at the same distance and height; angle: about the vertical, 0 is from +z.
-  look(angle) {
-    const { camera: { position }, controls } = this, { target } = controls;
-    const away = Math.hypot(position.x - target.x, position.z - target.z);
-    position.set(target.x + away * Math.sin(angle), position.y, target.z + away * Math.cos(angle));
-    controls.update();
   }
 
   get turns() { return this.controls.autoRotate; }

@@ -63,6 +63,7 @@ def shown(page) -> Shown:
     page.page.evaluate("document.activeElement.blur()")
     page.page.evaluate("page.stage.reset()")
     page.set(colouring="size", layout="side", gain=1)
+    page.page.wait_for_timeout(300)  # a gain that has rested a quarter of a second is surveyed anew
     page.surveyed()
     page.vertices_m("dsnet_plus", FRAME)
     return page
@@ -105,11 +106,12 @@ def test_views_show_one_body_each_by_the_same_camera(shown, key):
     alone, moved = halves(shown)
     assert np.abs(alone - moved).max() > 60  # colours
     shown.set(colouring="none", gain=0)  # now both are SMPL alone
+    shown.vertices_m("dsnet_plus", FRAME)
     unchanged, twin = halves(shown)
     np.testing.assert_array_equal(unchanged, alone)
     assert np.abs(unchanged - twin).mean() < 0.1
     background = unchanged[5, 5]
-    assert 0.03 < (np.abs(unchanged - background).max(axis=-1) > 60).mean() < 0.5  # one body
+    assert 0.01 < (np.abs(unchanged - background).max(axis=-1) > 60).mean() < 0.5  # one body
 
 
 def test_labels_stay_in_their_views(shown):
