@@ -20,7 +20,6 @@ import numpy as np
 
 JOB: dict[str, Any] = json.loads(sys.argv[1])
 os.environ["BLENDER_USER_RESOURCES"] = JOB["scratch"]  # before Blender starts
-import addon_utils  # noqa: E402  # pyright: ignore[reportMissingImports]
 import bpy  # noqa: E402  # pyright: ignore[reportMissingImports]
 
 GAIN, FPS = "soft_tissue_gain", 60
@@ -28,6 +27,8 @@ GAIN, FPS = "soft_tissue_gain", 60
 
 def main() -> None:
     """Do the job, and write its arrays."""
+    import addon_utils  # pyright: ignore[reportMissingImports]  # which only `bpy` makes known
+
     addon_utils.enable("bl_pkg")
     install = bpy.ops.extensions.package_install_files
     install(filepath=JOB["extension"], repo="user_default", enable_on_install=True)
