@@ -114,6 +114,16 @@ def test_views_show_one_body_each_by_the_same_camera(shown, key):
     assert 0.01 < (np.abs(unchanged - background).max(axis=-1) > 60).mean() < 0.5  # one body
 
 
+@pytest.mark.parametrize(
+    ("layout", "in_the_middle"), [("side", False), ("overlay", True), ("wipe", True)]
+)
+def test_bodies_are_in_one_view_or_in_their_own(shown, layout, in_the_middle):
+    shown.set(layout=layout)
+    seen = pixels(shown)
+    middle = seen[:, seen.shape[1] // 2 + 10]  # a column, beside the wipe
+    assert (np.abs(middle - seen[5, 5]).max() > 60) == in_the_middle
+
+
 def test_labels_stay_in_their_views(shown):
     boxes = [shown.page.locator(f"#tag-{name}").bounding_box() for name in ("smpl", "dsnet_plus")]
     left, right = boxes
