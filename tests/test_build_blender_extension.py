@@ -58,11 +58,11 @@ def test_what_is_right_passes(seen, truth) -> None:
 @pytest.mark.parametrize(
     ("name", "change"),
     [
-        ("bvh 1", lambda v: v + [2e-4, 0, 0]),
+        ("bvh 1", lambda v: np.add(v, [2e-4, 0, 0])),
         ("bvh later", lambda v: v * np.nan),
         ("bvh more objects", lambda n: n + 1),
-        ("glb 0", lambda v: v + [0, 2e-4, 0]),
-        ("glb 2", lambda v: v + [0, 0, 3e-4]),
+        ("glb 0", lambda v: np.add(v, [0, 2e-4, 0])),
+        ("glb 2", lambda v: np.add(v, [0, 0, 3e-4])),
         ("glb reopened", lambda v: v[:, ::-1]),
         ("refused", lambda said: said[::-1]),
     ],
