@@ -5,6 +5,8 @@ Borders are given as distances in metres, so that they are smooth at any size of
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt
@@ -73,7 +75,9 @@ class Canvas:
         """(size, size, 3) with each island's colours spread a little over its border."""
         picture = np.full((self.size, self.size, 3), background, float)
         picture[self._covered] = self.colours
-        away_px, nearest = distance_transform_edt(self._face < 0, return_indices=True)
+        away_px, nearest = cast(
+            tuple[NDArray, NDArray], distance_transform_edt(self._face < 0, return_indices=True)
+        )
         near = away_px <= PADDING_PX
         picture[near] = picture[tuple(nearest)][near]
         return np.round(255 * picture.clip(0, 1)).astype(np.uint8)

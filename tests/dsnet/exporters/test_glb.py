@@ -125,7 +125,7 @@ def test_trimesh_opens_it_and_finds_the_skin(performed, path):
     assert 1.5 < np.ptp(mesh.vertices[:, 1]) < 2.0
     places = body.texture.places[body.texture.corners]
     np.testing.assert_allclose(mesh.visual.uv[mesh.faces], places, atol=1e-6)
-    shipped = Image.open(io.BytesIO(skin_png(body))).convert("RGB")
+    shipped = Image.open(io.BytesIO(skin_png(body) or b"")).convert("RGB")
     shown = mesh.visual.material.baseColorTexture.convert("RGB")
     np.testing.assert_array_equal(np.asarray(shown), np.asarray(shipped))
 
