@@ -13,7 +13,7 @@ from tools.try_blender_extension import REFUSED, judge
 
 if sys.version_info < (3, 11):
     pytest.skip("tomllib comes with Python 3.11", allow_module_level=True)
-import tomllib
+import tomllib  # pyright: ignore[reportMissingImports]
 
 LISTED = ("schema_version", "id", "version", "name", "tagline", "maintainer", "type", "license")
 """Fields that Blender asks of every manifest."""

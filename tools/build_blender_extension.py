@@ -45,7 +45,7 @@ __all__ = ["register", "unregister"]
 
 def main() -> int:
     """Build it; the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--platform", nargs="+", choices=PLATFORMS, default=["linux-x64"])
     parser.add_argument("--python", choices=PYTHONS, default="3.11")

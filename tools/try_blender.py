@@ -7,7 +7,7 @@ button of the extension (`tools.try_blender_extension`).
 By the steps that `docs/export.md` tells, read from that page, in the Blender that PyPI has as a
 wheel: it is installed into a temporary folder (a gigabyte, removed at the end) under the one
 Python that it is built for. Where it cannot be had, one line says why and nothing is tried; a body
-that stands elsewhere than it should fails the command. One to three minutes.
+that stands elsewhere than it should fails the command. Two to five minutes.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +80,7 @@ class SOFT_TISSUE_OT_bake(bpy.types.Operator):
         return ended
 
     def _begin(self, context: Any) -> None:
-        self._work = self._bake(context)
+        self._work: Generator[float, None, None] = self._bake(context)
         context.window_manager.progress_begin(0, 1)
 
     def _go_on(self, context: Any) -> set[str]:
@@ -102,7 +102,7 @@ class SOFT_TISSUE_OT_bake(bpy.types.Operator):
         context.window_manager.progress_end()
         return how
 
-    def _bake(self, context: Any) -> Iterator[float]:
+    def _bake(self, context: Any) -> Generator[float, None, None]:
         """The work in pieces: the share that is done after each."""
         scene, settings = context.scene, context.scene.soft_tissue
         armature, mesh = chosen(context.active_object)

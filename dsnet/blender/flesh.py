@@ -71,8 +71,9 @@ class SceneFlesh:
             share[np.isin(below + 1, cuts)] = 0.0  # skin does not pass through a cut
             after = (below + 1).clip(max=last)
             shares = share[:, None, None].astype(np.float32)
+            between_m = (1 - shares) * frames_m[below - first] + shares * frames_m[after - first]
             if len(here):
-                yield (1 - shares) * frames_m[below - first] + shares * frames_m[after - first]
+                yield np.asarray(between_m, np.float32)
 
     def surfaces(self) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32]]]:
         """Places (T', V, 3) in the world, metres, z up, of SMPL alone and with `LARGEST_GAIN`."""

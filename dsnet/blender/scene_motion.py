@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.motion import Motion
-from bridge.motion.motion import HowRead
+from bridge.motion.motion import Y_UP_FROM_Z_UP, HowRead
 from bridge.motion.readers.nodes import NodeTree, Person, find_person, followed, moving
 
 _FEWEST_FRAMES = 2
@@ -43,7 +43,7 @@ class SceneArmature:
             names=("scene", *self.bones),
             parents=(-1, *(parent + 1 for parent in self.parents)),
             joints=tuple(range(1, len(self.bones) + 1)),
-            rest=_with_root(self.rest),
+            rest=_as_nodes(self.rest),
             is_bound=True,
             rest_is="the armature's",
         )
@@ -62,12 +62,15 @@ class SceneArmature:
                 "Set Start and End in the timeline.",
             )
         tree, person = self.tree(), self.person(joint_map)
-        of_joints = _with_root(self.world)[:, list(person.nodes)]
+        of_joints = _as_nodes(self.world)[:, list(person.nodes)]
         skeleton = moving(tree, person, of_joints, self.fps, ())
-        return followed(skeleton, person, HowRead(), "z")
+        return followed(skeleton, person, HowRead(), "y")
 
 
-def _with_root(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., B + 1, 4, 4): the world's own frame before those of (..., B, 4, 4)."""
+def _as_nodes(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., B + 1, 4, 4), y up, of (..., B, 4, 4): the world's own frame first. SMPL's own rest
+    pose is known where y is up, as in files (`bridge.motion.rest_poses`)."""
+    upright = np.eye(4)
+    upright[:3, :3] = Y_UP_FROM_Z_UP.as_matrix().round(12)
     root = np.broadcast_to(np.eye(4), (*matrices.shape[:-3], 1, 4, 4))
-    return np.concatenate([root, matrices], axis=-3)
+    return np.concatenate([root, upright @ matrices], axis=-3)

@@ -62,7 +62,7 @@ def write_keys(
         thing.shape_key_add(name="Basis", from_mix=False)
     to_local = np.linalg.inv(np.array(thing.matrix_world)[:3, :3]) @ to_world
     basis = np.empty(3 * len(mesh.vertices), np.float32)
-    mesh.shape_keys.key_blocks[0].data.foreach_get("co", basis)
+    thing.data.shape_keys.key_blocks[0].data.foreach_get("co", basis)
     mesh[VALUES] = [0.0] * len(found.shapes_m)
     vertex = body_vertices(mesh)
     for number, shape_m in enumerate(found.shapes_m):

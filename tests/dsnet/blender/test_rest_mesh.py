@@ -53,8 +53,8 @@ def test_its_flesh_moves_as_that_of_the_body(walk: Motion, monkeypatch, tmp_path
     offsets_m = np.concatenate([*flesh_of_mesh(made, motion, "female").offsets()])
     own = SceneFlesh(load_model("female"), replace(motion, betas=walk.betas, embedded_betas=True))
     expected_m = np.concatenate([*own.offsets()])[:, SHUFFLED]
-    largest_m = np.linalg.norm(expected_m, axis=-1).max()
-    assert np.linalg.norm(offsets_m - expected_m, axis=-1).max() < 0.1 * largest_m
+    left = np.square(offsets_m - expected_m).sum() / np.square(expected_m).sum()
+    assert left < 0.01  # a shape that is the template's, and not in betas, is fitted
 
 
 def test_a_mesh_without_smpls_joints_is_refused(walk: Motion) -> None:
