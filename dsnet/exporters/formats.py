@@ -15,8 +15,6 @@ from bridge.installation import require_package
 class Format:
     """One way to write a moving body."""
 
-    title: str
-    """What it is, to one who chooses a format for a motion."""
     writer_name: str
     """Module and function `write(path, moving)`, which writes a `MovingBody` to a new file, or into
     an empty folder, with few frames in memory at a time."""
@@ -30,6 +28,8 @@ class Format:
     """Whether its writer takes several moving bodies: one motion by several predictors."""
     needs_motion: bool = True
     """Whether it shows a motion; otherwise it holds a predictor, for any motion."""
+    title: str = ""
+    """What it is, to one who chooses; empty: its name says so."""
     of_keras: bool = False
     """Whether it is made from the `.keras` file of a run's network, by `write(path, file)`."""
 
@@ -44,77 +44,70 @@ class Format:
         return getattr(import_module(module), name)
 
 
-def _by_keras(title: str, function: str, *suffixes: str) -> Format:
+def _by_keras(function: str, *suffixes: str) -> Format:
     writer = f"tf_dsnet.keras_files.{function}"
-    return Format(title, writer, suffixes, "tensorflow", "train", needs_motion=False, of_keras=True)
+    return Format(writer, suffixes, "tensorflow", "train", needs_motion=False, of_keras=True)
 
 
 FORMATS = {
-    "onnx": Format(
-        "ONNX: one frame a call",
-        "dsnet.exporters.onnx_model.export_onnx",
-        (".onnx",),
-        needs_motion=False,
-    ),
+    "onnx": Format("dsnet.exporters.onnx_model.export_onnx", (".onnx",), needs_motion=False),
     "onnx-clip": Format(
-        "ONNX: whole clips",
-        "dsnet.exporters.onnx_model.export_onnx_clip",
-        (".onnx",),
-        needs_motion=False,
+        "dsnet.exporters.onnx_model.export_onnx_clip", (".onnx",), needs_motion=False
     ),
-    "onnx-plain": Format(
-        "ONNX without control flow",
-        "dsnet.exporters.onnx_model.export_onnx_plain",
-        needs_motion=False,
-    ),
+    "onnx-plain": Format("dsnet.exporters.onnx_model.export_onnx_plain", needs_motion=False),
     "usd": Format(
-        "USD: Houdini, Blender, Maya, Unreal",
         "dsnet.exporters.usd.write",
         (".usd", ".usdc", ".usda"),
         "pxr",
         "usd",
+        title="USD: Houdini, Blender, Maya, Unreal",
     ),
-    "pc2": Format("point cache PC2, with its mesh", "dsnet.exporters.mesh_files.write_pc2"),
-    "mdd": Format("point cache MDD, with its mesh", "dsnet.exporters.mesh_files.write_mdd"),
-    "obj": Format("OBJ, one a frame", "dsnet.exporters.mesh_files.write_obj"),
-    "ply": Format("PLY, one a frame", "dsnet.exporters.mesh_files.write_ply"),
-    "glb": Format("glTF: Blender, Unreal, Unity, the web", "dsnet.exporters.glb.write", (".glb",)),
+    "pc2": Format("dsnet.exporters.mesh_files.write_pc2", title="point cache PC2, with its mesh"),
+    "mdd": Format("dsnet.exporters.mesh_files.write_mdd", title="point cache MDD, with its mesh"),
+    "obj": Format("dsnet.exporters.mesh_files.write_obj", title="OBJ, one a frame"),
+    "ply": Format("dsnet.exporters.mesh_files.write_ply", title="PLY, one a frame"),
+    "glb": Format(
+        "dsnet.exporters.glb.write", (".glb",), title="glTF: Blender, Unreal, Unity, the web"
+    ),
     "abc": Format(
-        "Alembic: every point of every frame",
         "dsnet.exporters.alembic.write",
         (".abc",),
         "alembic3d",
         "abc",
+        title="Alembic: every point of every frame",
     ),
-    "bvh": Format("BVH: joints alone", "dsnet.exporters.bvh.write", (".bvh",)),
+    "bvh": Format("dsnet.exporters.bvh.write", (".bvh",), title="BVH: joints alone"),
     "npz": Format(
-        "NPZ: SMPL's parameters and the offsets", "dsnet.exporters.smpl_npz.write", (".npz",)
+        "dsnet.exporters.smpl_npz.write", (".npz",), title="NPZ: SMPL's parameters and the offsets"
     ),
-    "npz55": Format("NPZ of SMPL-X's 55 joints", "dsnet.exporters.smpl_npz.write_smplx", (".npz",)),
+    "npz55": Format(
+        "dsnet.exporters.smpl_npz.write_smplx", (".npz",), title="NPZ of SMPL-X's 55 joints"
+    ),
     "smpl": Format(
-        "SMPL's parameters for Meshcapade", "dsnet.exporters.smpl_npz.write_smpl", (".smpl",)
+        "dsnet.exporters.smpl_npz.write_smpl", (".smpl",), title="SMPL's parameters for Meshcapade"
     ),
     "gif": Format(
-        "GIF, an animated picture", "dsnet.exporters.clips.write_gif", (".gif",), several=True
+        "dsnet.exporters.clips.write_gif", (".gif",), several=True, title="GIF, an animated picture"
     ),
     "mp4": Format(
-        "MP4, a clip",
         "dsnet.exporters.clips.write_mp4",
         (".mp4",),
         "imageio_ffmpeg",
         "clip",
         several=True,
+        title="MP4, a clip",
     ),
-    "html": Format("this page as one file", "dsnet.view.page.write", (".html",), several=True),
+    "html": Format(
+        "dsnet.view.page.write", (".html",), several=True, title="this page as one file"
+    ),
     "keras": Format(
-        "Keras",
         "dsnet.exporters.keras_files.write_keras",
         (".keras",),
         needs_motion=False,
         of_keras=True,
     ),
-    "savedmodel": _by_keras("TensorFlow", "write_savedmodel"),
-    "tflite": _by_keras("TensorFlow Lite", "write_tflite", ".tflite"),
+    "savedmodel": _by_keras("write_savedmodel"),
+    "tflite": _by_keras("write_tflite", ".tflite"),
 }
 
 

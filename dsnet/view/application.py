@@ -129,7 +129,11 @@ class Application:
     def formats(self) -> list[dict[str, str]]:
         """What a motion can be exported as; `missing` is the extra that is not installed."""
         return [
-            {"name": name, "title": one.title, "missing": (one.extra or "") * _is_missing(one)}
+            {
+                "name": name,
+                "title": one.title or name,
+                "missing": (one.extra or "") * _is_missing(one),
+            }
             for name, one in FORMATS.items()
             if one.needs_motion
         ]

@@ -94,10 +94,12 @@ def test_the_older_layout_is_read_as_the_newer_one(
 def test_the_older_layout_in_an_npz_is_read_too(
     known: Known, tmp_path: Path, by_frame: bool
 ) -> None:
-    stored = {str(key): value for key, value in older_stageii(known).items() if key != "ps"}
+    older = older_stageii(known)
+    stored: dict[str, Any] = {str(key): value for key, value in older.items() if key != "ps"}
     stored["pose_est_obmrks"] = points = sampled(known)
     labels = [LABELS] * len(points) if by_frame else LABELS
-    np.savez(tmp_path / "take.npz", **(stored | {"pose_est_mrk_labels": np.array(labels)}))
+    stored["pose_est_mrk_labels"] = np.array(labels)
+    np.savez(tmp_path / "take.npz", **stored)
     same_person(load_recording(tmp_path / "take.npz"), known)
 
 

@@ -55,7 +55,7 @@ class Client:
             return answer.status, answer.read()
 
     def get(self, path: str, **headers: str) -> tuple[int, bytes]:
-        return self.send("GET", path, **headers)
+        return self.send("GET", path, None, **headers)
 
     def ask(self, path: str, **asked: Any) -> Any:
         """The JSON of an answer."""
