@@ -209,7 +209,7 @@ def _upright(data_m: NDArray, names: Sequence[str]) -> Rotation:
 def _without_repeats(data_m: NDArray) -> tuple[NDArray[np.float64], str]:
     """Places that are NaN in frames in which all markers stay where they were, to the last digit,
     and a note of these; a recording of which they are a large part stays as it is."""
-    there: NDArray[np.bool_] = np.isfinite(data_m).all(axis=2)
+    there = np.asarray(np.isfinite(data_m).all(axis=2))
     both = there[1:] & there[:-1]
     held = (np.diff(data_m, axis=0) == 0).all(axis=2)
     repeated = np.r_[False, (held == both).all(axis=1) & (both.sum(axis=1) >= _FEWEST_HELD)]
