@@ -37,6 +37,9 @@ _PADDED_FRAMES = 15
 _FEWEST_HELD, _MOST_REPEATED = 4, 0.3
 """Markers that stay where they were in a frame that is repeated, and the part of a recording that
 such frames may be to be left out."""
+_MOVED_ON_M = 5e-4
+"""What most markers move after frames that are repeated: less is a person who stands still, in a
+file of few digits."""
 _RATE = "Pass --motion-fps N"
 _ABOVE = (SEGMENTS["head"].labels, SEGMENTS["thorax"].labels, SEGMENTS["pelvis"].labels)
 """Groups of markers, the first of which that is there is looked for above the feet."""
@@ -208,11 +211,23 @@ def _upright(data_m: NDArray, names: Sequence[str]) -> Rotation:
 
 def _without_repeats(data_m: NDArray) -> tuple[NDArray[np.float64], str]:
     """Places that are NaN in frames in which all markers stay where they were, to the last digit,
-    and a note of these; a recording of which they are a large part stays as it is."""
+    until they move on; and a note of these. A recording of which they are a large part stays as it
+    is."""
     there = np.asarray(np.isfinite(data_m).all(axis=2))
     both = there[1:] & there[:-1]
     held = (np.diff(data_m, axis=0) == 0).all(axis=2)
     repeated = np.r_[False, (held == both).all(axis=1) & (both.sum(axis=1) >= _FEWEST_HELD)]
+    moved = np.isfinite(steps_m := np.linalg.norm(np.diff(data_m, axis=0), axis=2))
+    step_m = np.array(
+        [
+            np.median(one[there]) if there.any() else 0.0
+            for one, there in zip(steps_m, moved, strict=True)
+        ]
+    )
+    for last in np.flatnonzero(repeated[:-1] & ~repeated[1:]):
+        if step_m[last] < _MOVED_ON_M:
+            first = last - int(np.argmin(repeated[last::-1])) + 1
+            repeated[first : last + 1] = False
     if not repeated.any():
         return data_m, ""
     counted = f"{repeated.sum()} of {len(repeated)} frames of its markers repeat the one before"
