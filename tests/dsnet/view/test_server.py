@@ -214,6 +214,10 @@ def test_an_export_has_the_bytes_of_the_command(samples, short, tmp_path, to):
     command = [sys.executable, "-m", "dsnet.cli", "export", "--to", to, "--motion", str(short)]
     options = ["--gain", "2", "--part-gain", "belly=1.5", "--floor", "shift"]
     subprocess.run([*command, *options, "--out", str(out)], check=True, capture_output=True)
+    if to == "abc":  # says when it was written
+        given, expected = (np.frombuffer(each, np.uint8) for each in (data, out.read_bytes()))
+        assert np.count_nonzero(given != expected) <= len("Mon Jan  1 00:00:00 2000")
+        return
     if out.is_file():
         assert data == out.read_bytes()
         return
