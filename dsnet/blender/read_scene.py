@@ -86,8 +86,8 @@ def frames_of(scene: Any, thing: Any, names: tuple[str, ...]) -> Iterator[NDArra
 def mesh_at_rest(thing: Any, bones: tuple[str, ...]) -> SceneMesh:
     """Vertices with the person's shape, triangles and weights; copies at seams are left out."""
     mesh = thing.data
-    vertex = body_vertices(mesh)
-    own = slice(int(vertex.max(initial=-1)) + 1)
+    of_body = body_vertices(mesh)
+    own = slice(int(of_body.max(initial=-1)) + 1)
     vertices = _shaped(mesh)[own]
     to_world = np.array(thing.matrix_world)
     mesh.calc_loop_triangles()
@@ -104,7 +104,7 @@ def mesh_at_rest(thing: Any, bones: tuple[str, ...]) -> SceneMesh:
     return SceneMesh(
         name=thing.name,
         vertices=vertices @ to_world[:3, :3].T + to_world[:3, 3],
-        faces=vertex[faces.reshape(-1, 3)],
+        faces=of_body[faces.reshape(-1, 3)],
         weights=weights[own],
         betas=_betas_of(thing),
     )

@@ -21,7 +21,7 @@ from dsnet.view.clip_list import READING, Clip, clip_list_of, open_file, path_ti
 from dsnet.view.export_job import ExportJob
 from dsnet.view.scene import Scene
 
-LARGEST_FILE = 512 << 20
+LARGEST_FILE = 128 << 20
 """Bytes of a motion file that the page may send; characters with textures are in some."""
 _CHUNK = 1 << 20
 _LONGEST_NAME = 120
@@ -55,8 +55,8 @@ class Application:
         """Keep a file of `size` bytes that was dropped onto the page, and read it."""
         if size > LARGEST_FILE:
             raise DsnetError(
-                f"{Path(name).name}, {size / 1e6:.0f} MB",
-                f"a motion file of at most {LARGEST_FILE / 1e6:.0f} MB",
+                f"{Path(name).name}, {size >> 20} MB",
+                f"a motion file of at most {LARGEST_FILE >> 20} MB",
                 "Pass it by --motion FILE.",
             )
         with self._lock:

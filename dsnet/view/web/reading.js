@@ -4,7 +4,7 @@ import { changes, choose } from "./motions.js";
 import { ask, showScene, shownScene } from "./server.js";
 import { state } from "./state.js";
 
-const LARGEST_MB = 512;
+const LARGEST_MB = 128;
 const fields = () => [...document.querySelectorAll("[data-reading]")];
 
 export function readingControls() {
@@ -13,7 +13,7 @@ export function readingControls() {
 }
 
 export async function sendFile(file) {
-  if (file.size > LARGEST_MB << 20) throw new Error(`${Math.round(file.size / 1e6)} MB; expected at most ${LARGEST_MB} MB`);
+  if (file.size > LARGEST_MB << 20) throw new Error(`${file.size >> 20} MB; expected at most ${LARGEST_MB} MB. Pass it by dsnet view --motion FILE.`);
   $("who").textContent = `reading ${file.name} …`;
   await show(await ask(`files/${encodeURIComponent(file.name)}`, file));
 }
