@@ -86,6 +86,8 @@ def test_a_body_of_the_other_gender_is_another_scene(page, walk):
     page.page.wait_for_selector("body[data-ready]:not([data-old])", state="attached")
     page.moves_as_predicted(walk, 10, gender="male")
     assert page.page.input_value("[data-reading=gender]") == "male"
+    # What the page still loaded when it was left.
+    page.errors[:] = [one for one in page.errors if not one.startswith("no ")]
 
 
 def test_what_is_shown_is_exported_into_the_downloads(page, walk, tmp_path):
