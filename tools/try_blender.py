@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 import re
-import struct
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
@@ -32,7 +31,7 @@ from bridge.body.surface_operators import vertex_normals
 from bridge.motion import load_motion
 from dsnet.prediction.controls import Controls, controlled_body
 from tools.built_wheel import ROOT
-from tools.try_blender_extension import extension_works
+from tools.try_blender_extension import body_vertices, extension_works, gltf_of
 from tools.try_pythons import find_python, last_line, run, say
 
 PYTHON, BLENDER = "3.11", "bpy==4.5.15"
@@ -242,19 +241,10 @@ def without_copies(path: Path, seen: dict[str, np.ndarray]) -> dict[str, np.ndar
     follow, which must lie where these do."""
     if path.suffix != ".glb":
         return seen
-    copies = gltf_of(path)["meshes"][0]["extras"]["dsnet"]["copies_of"]
-    whole_m, own = seen["vertices_m"], seen["vertices_m"].shape[1] - len(copies)
-    vertex = np.array([*range(own), *copies])
+    whole_m, vertex = seen["vertices_m"], body_vertices(path)
     np.testing.assert_allclose(whole_m, whole_m[:, vertex], atol=1e-6)
-    by_vertex = {name: seen[name][:, :own] for name in ("vertices_m", "normals")}
+    by_vertex = {name: seen[name][:, : vertex.max() + 1] for name in ("vertices_m", "normals")}
     return seen | by_vertex | {"faces": vertex[seen["faces"]]}
-
-
-def gltf_of(path: Path) -> dict[str, Any]:
-    """The JSON of a GLB file."""
-    with path.open("rb") as file:
-        (length,) = struct.unpack("<12xI4x", file.read(20))
-        return json.loads(file.read(length))
 
 
 def judge(

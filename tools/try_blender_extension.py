@@ -8,7 +8,9 @@ opened again, and after a bake that begins later.
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,13 +67,32 @@ def truth_of(files: dict[str, Path]) -> dict[str, NDArray[np.float32]]:
     for name in ("bvh", "glb"):
         motion = dsnet.load_motion(files[name])
         controls = {"shape": "heavy"} if name == "glb" else {}
+        vertex = body_vertices(files[name]) if name == "glb" else slice(None)
         for gain in (0.0, 1.0, 2.0):
             vertices_m, _ = dsnet.animate(motion, gain=gain, **controls).arrays()
-            found[f"{name} {gain:g}"] = z_up(vertices_m[[*FRAMES]])
+            found[f"{name} {gain:g}"] = z_up(vertices_m[[*FRAMES]][:, vertex])
         later = motion.frames(slice(LATER, None))
         vertices_m, _ = dsnet.animate(later, **controls).arrays()
-        found[f"{name} later"] = z_up(vertices_m[[frame - LATER for frame in FRAMES[_AFTER:]]])
+        frames = [frame - LATER for frame in FRAMES[_AFTER:]]
+        found[f"{name} later"] = z_up(vertices_m[frames][:, vertex])
     return found
+
+
+def body_vertices(path: Path) -> NDArray[np.int64]:
+    """(N,) which of the body's vertices each of a GLB's is: copies of those on seams of the picture
+    of skin follow the body's own."""
+    gltf = gltf_of(path)
+    mesh = gltf["meshes"][0]
+    count = gltf["accessors"][mesh["primitives"][0]["attributes"]["POSITION"]]["count"]
+    copies = mesh["extras"]["dsnet"].get("copies_of", [])
+    return np.array([*range(count - len(copies)), *copies])
+
+
+def gltf_of(path: Path) -> dict[str, Any]:
+    """The JSON of a GLB file."""
+    with path.open("rb") as file:
+        (length,) = struct.unpack("<12xI4x", file.read(20))
+        return json.loads(file.read(length))
 
 
 def judge(
