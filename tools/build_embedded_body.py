@@ -13,7 +13,6 @@ figures can be compared. The same versions on the same machine give the same byt
 from __future__ import annotations
 
 import argparse
-import hashlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -94,7 +93,7 @@ def build(
         report.unseen(body, others[0][:, index], others[1])
         report.pose_blend_shapes(body, fit)
     build_texture(obj, out)
-    _write_checksums(out)
+    packing.write_checksums(out)
 
 
 def build_texture(obj: str, out: Path) -> None:
@@ -118,14 +117,6 @@ def _priority(base: BaseMesh) -> np.ndarray:
     priority[~np.isin(strongest, _STIFF_JOINTS)] = 1e8
     priority[base.cavity] = 1e-4
     return priority
-
-
-def _write_checksums(out: Path) -> None:
-    lines = [
-        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n"
-        for path in sorted(out.glob("embedded_*.*"))
-    ]
-    (out / "SHA256SUMS").write_text("".join(lines), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ on the body at rest. The same versions on the same machine give the same bytes.
 from __future__ import annotations
 
 import argparse
-import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from PIL import Image
 
 from bridge.body import load_body_model
 from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX
+from tools.embedded_body.packing import write_checksums
 from tools.skin.canvas import Canvas, within
 from tools.skin.head import Look, eye_m, paint_head
 from tools.skin.occlusion import open_share
@@ -117,11 +117,7 @@ def main() -> None:
         path = out / f"embedded_skin_{gender}.png"
         save(paint(gender), path)
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
-    lines = [
-        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n"
-        for path in sorted(out.glob("embedded_*.*"))
-    ]
-    (out / "SHA256SUMS").write_text("".join(lines), encoding="utf-8")
+    write_checksums(out)
 
 
 if __name__ == "__main__":

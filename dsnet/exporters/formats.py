@@ -101,10 +101,7 @@ FORMATS = {
         "dsnet.view.page.write", (".html",), several=True, title="this page as one file"
     ),
     "keras": Format(
-        "dsnet.exporters.keras_files.write_keras",
-        (".keras",),
-        needs_motion=False,
-        of_keras=True,
+        "dsnet.exporters.keras_files.write_keras", (".keras",), needs_motion=False, of_keras=True
     ),
     "savedmodel": _by_keras("write_savedmodel"),
     "tflite": _by_keras("write_tflite", ".tflite"),

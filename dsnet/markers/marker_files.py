@@ -217,13 +217,8 @@ def _without_repeats(data_m: NDArray) -> tuple[NDArray[np.float64], str]:
     both = there[1:] & there[:-1]
     held = (np.diff(data_m, axis=0) == 0).all(axis=2)
     repeated = np.r_[False, (held == both).all(axis=1) & (both.sum(axis=1) >= _FEWEST_HELD)]
-    moved = np.isfinite(steps_m := np.linalg.norm(np.diff(data_m, axis=0), axis=2))
-    step_m = np.array(
-        [
-            np.median(one[there]) if there.any() else 0.0
-            for one, there in zip(steps_m, moved, strict=True)
-        ]
-    )
+    steps_m = np.ma.masked_invalid(np.linalg.norm(np.diff(data_m, axis=0), axis=2))
+    step_m = np.ma.median(steps_m, axis=1).filled(0.0)
     for last in np.flatnonzero(repeated[:-1] & ~repeated[1:]):
         if step_m[last] < _MOVED_ON_M:
             first = last - int(np.argmin(repeated[last::-1])) + 1

@@ -91,7 +91,7 @@ class Application:
         controls.check()
         with self._lock, self._without_folder():
             best, clip = open_file(
-                self.run, path, controls, "the rate of its frames", "smoothing, automatic"
+                self.run, path, controls, "*Frames a second*", "*Smoothing: automatic*"
             )
             clip = replace(clip, told=tuple(map(self._shortened, clip.told or ())))
             title = path_title(path)

@@ -53,7 +53,6 @@ def write(path: Path, moving: MovingBody, *others: MovingBody) -> None:
         clips={path_title(moving.motion.source): clip},
         truth=truth,
     )
-    text = document(
-        Scene(clip_list, moving.controls, moving.loop), facts_in_a_line(moving, *others)
-    )
+    scene = Scene(clip_list, moving.controls, moving.loop, moving.plain)
+    text = document(scene, facts_in_a_line(moving, *others))
     path.write_text(text, encoding="utf-8", newline="\n")

@@ -58,7 +58,8 @@ class Scene:
     """What one page can show.
 
     `controls` are those of a moving body, the first values of the page's knobs; `loop` is the cycle
-    that is baked into tracks instead of the motion, if there is one.
+    that is baked into tracks instead of the motion, if there is one; `plain` leaves out the picture
+    of skin.
     """
 
     def __init__(
@@ -66,12 +67,13 @@ class Scene:
         clip_list: ClipList,
         controls: Mapping[str, Any] | None = None,
         loop: Loop | None = None,
+        plain: bool = False,
     ) -> None:
         self._clip_list, self._controls, self._loop = clip_list, controls or {}, loop
         self.body, self._clips = clip_list.best.body, list(clip_list.clips.items())
         self._live, self._plus, self.baked = self._live_predictor()
         """Why no model runs in the page; empty if one does."""
-        self._skin_png = skin_png(self.body)
+        self._skin_png = None if plain else skin_png(self.body)
         self.assets: dict[str, Callable[[], bytes]] = {}
         """Functions that make the assets, by name; `runtime` is compressed by gzip."""
         if png := self._skin_png:

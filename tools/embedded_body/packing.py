@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -73,3 +74,12 @@ def _quantise(values_m: np.ndarray, step_m: float) -> np.ndarray:
     if (largest := np.abs(steps).max()) > np.iinfo(np.int16).max:
         raise ValueError(f"{largest:.0f} steps of {step_m} m do not fit 16 bits")
     return steps.astype(np.int16)
+
+
+def write_checksums(out: Path) -> None:
+    """Of all assets in a folder, into its SHA256SUMS."""
+    lines = [
+        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n"
+        for path in sorted(out.glob("embedded_*.*"))
+    ]
+    (out / "SHA256SUMS").write_text("".join(lines), encoding="utf-8")

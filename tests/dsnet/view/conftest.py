@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -11,6 +12,10 @@ from bridge.body import load_body_model
 from bridge.runs import ArtifactWriter, Run
 from bridge.tissue.trained_plus import TrainedPlus
 from tests.forged.plus import soft_flesh, write_plus
+from tools.headless_chromium import chromium
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 BODY, FRAMES = "embedded:female", 80
 JUMP = "50004_jump (held out)"
@@ -32,6 +37,13 @@ def sequence(motion: str, start: int, split: str) -> dict:
         "split": split,
         **place,
     }
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Chromium; tests that take it skip where there is none."""
+    with chromium() as found:
+        yield found
 
 
 @pytest.fixture(scope="session")

@@ -23,21 +23,15 @@ from dsnet.view.scene import STEP_M, Scene
 from tests.dsnet.view.conftest import JUMP
 from tests.dsnet.view.pages import BETAS, TORN, Shown, dropped, on_disk, packaged, serve, served
 from tests.forged.amass import smplh
-from tools.headless_chromium import chromium, open_page, why_missing
+from tools.headless_chromium import open_page, why_missing
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    pass
 
 pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(why_missing() is not None, reason=why_missing() or ""),
 ]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

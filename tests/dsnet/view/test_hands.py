@@ -15,10 +15,10 @@ from PIL import Image
 
 from bridge.motion.readers.amass import sample_path
 from tests.dsnet.view.pages import Shown, packaged, serve
-from tools.headless_chromium import chromium, open_page, why_missing
+from tools.headless_chromium import open_page, why_missing
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    pass
 
 pytestmark = [
     pytest.mark.browser,
@@ -29,12 +29,6 @@ _PIXELS = """async () => {
   for (let i = 0; i < 3; i++) await new Promise(requestAnimationFrame);
   return document.getElementById("view").toDataURL();
 }"""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

@@ -12,14 +12,15 @@ import pytest
 from bridge.body import pose_vertices
 from bridge.body.posing import rest_vertices
 from bridge.body.skin import skin_png
-from bridge.motion import unpack_theta
+from bridge.motion import load_motion, unpack_theta
 from dsnet.evaluation.pipelines import MotionArrays
-from dsnet.prediction.controls import root_joint_m
+from dsnet.prediction.controls import Controls, controlled_body, root_joint_m
+from dsnet.prediction.load_model import load_model
 from dsnet.prediction.loops import close_loop
 from dsnet.prediction.moving_body import MovingBody, place_motion
 from dsnet.verify.reference.smpl import unposed_vertices
 from dsnet.view.clip_list import Clip, open_clip_list
-from dsnet.view.page import document
+from dsnet.view.page import document, write
 from dsnet.view.scene import STEP_M, TRACK_FRAMES, Scene, cycles_around
 from tests.dsnet.view.conftest import JUMP
 from tests.dsnet.view.pages import facts_of, numbers, track_m
@@ -149,3 +150,13 @@ def test_a_file_asks_for_nothing_and_cannot_break_out_of_its_line(clip_list):
     assert "@CONNECT@" not in page.partition("<style>")[0]
     assert "Copyright" in page
     assert "Microsoft" in page
+
+
+@pytest.mark.parametrize("skin", ["textured", "plain"])
+def test_a_file_has_the_picture_of_skin_unless_it_shall_be_plain(tmp_path, skin):
+    motion = load_motion("sample:walking").frames(slice(2))
+    moving = controlled_body(load_model("female"), motion, Controls())
+    moving.plain = skin == "plain"
+    write(tmp_path / "a.html", moving)
+    text = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert ('id="asset:skin"' in text) == (skin == "textured")

@@ -14,21 +14,15 @@ import pytest
 from bridge.motion.readers.amass import sample_path
 from dsnet.cli import main
 from tests.dsnet.view.pages import Shown, dropped, packaged, served
-from tools.headless_chromium import chromium, why_missing
+from tools.headless_chromium import why_missing
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    pass
 
 pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(why_missing() is not None, reason=why_missing() or ""),
 ]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture
