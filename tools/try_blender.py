@@ -134,10 +134,12 @@ def do(command: list[str], folder: Path) -> None:
 
 
 def told(formats: str, pattern: str) -> tuple[str, ...]:
-    """What the page's Blender section says where it tells of some formats."""
+    """What the page's Blender section says where it tells of some formats, or of all ("")."""
     page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
     section = page.partition("\n## Blender\n")[2].partition("\n## ")[0]
-    steps = section.partition(f"\n- **{formats}**:")[2].partition("\n- **")[0]
+    steps = section
+    if formats:
+        steps = section.partition(f"\n- **{formats}**:")[2].partition("\n- **")[0]
     if not (match := re.search(pattern, " ".join(steps.split()))):
         raise SystemExit(f"docs/export.md, Blender, {formats}: nothing there is {pattern}")
     return match.groups()
@@ -145,7 +147,8 @@ def told(formats: str, pattern: str) -> tuple[str, ...]:
 
 def ways() -> list[BlenderImport]:
     """Every import that the page tells, by its steps."""
-    usd = {"how": "usd", "fps": int(*told("USD", r"Frame Rate\* to (\d+)"))}
+    fps = int(*told("", r"Frame Rate\* to (\d+)"))
+    usd = {"how": "usd", "fps": fps}
     cache = {"how": "cache", "axes": told("MDD, PC2", AXES), "time_mode": "FRAME"}
     cache["fps"] = int(*told("MDD, PC2", r"\*Time Mode\* Frame at (\d+)"))
     cache["turn_deg"] = int(*told("MDD, PC2", r"turn the object by (\d+) degrees about x"))
@@ -153,11 +156,10 @@ def ways() -> list[BlenderImport]:
     mdd = {**cache, "base": "mdd/body.obj", "path": "mdd/body.mdd"}
     single = {"how": "single", "axes": told("OBJ, PLY", AXES), "fps": cache["fps"]}
     frame = "{0}/frame_{{:05d}}.{0}".format
-    rate = r"Frame Rate\* to (\d+)"
-    glb = {"how": "glb", "path": "BODY.glb", "fps": int(*told("glTF", rate))}
+    glb = {"how": "glb", "path": "BODY.glb", "fps": fps}
     begin = int(*told("BVH", r"begins at frame (\d+)"))
-    bvh = {"how": "bvh", "path": "BODY.bvh", "fps": int(*told("BVH", rate)), "begin": begin}
-    abc = {"how": "abc", "path": "BODY.abc", "fps": int(*told("Alembic", rate))}
+    bvh = {"how": "bvh", "path": "BODY.bvh", "fps": fps, "begin": begin}
+    abc = {"how": "abc", "path": "BODY.abc", "fps": fps}
     normals, sizes = ("normals_off_deg",), ("offset_m_off",)
     return [
         BlenderImport("usd", {**usd, "path": "BODY.usd"}, (*OF_USD, *normals, *sizes)),
