@@ -14,12 +14,15 @@ from bridge.motion.splits import CELLS
 from dsnet.evaluation.pipelines import SMPL
 from dsnet.pictures.page_templates import decimals, fill_template
 
+_NEARER, _FARTHER = "✓", "✗"
 
-def main_table(results: Mapping[str, Any]) -> str:
+
+def verdict_table(results: Mapping[str, Any]) -> str:
     """A Markdown table: a row for each predictor and for SMPL alone, a column for each test group.
 
-    A column's errors are measured against the registered mesh, or against the true mesh for test
-    motions. A predictor trained from several seeds shows its mean, and the spread of R².
+    A tick where the predictor is nearer to the mesh than SMPL alone, a cross where it is farther;
+    R² and the mean error. A predictor trained from several seeds shows its mean, and the spread of
+    R².
     """
     groups = {
         group: title
@@ -27,32 +30,27 @@ def main_table(results: Mapping[str, Any]) -> str:
         if group in ("validation", *CELLS)
         and any("mesh" in errors for errors in results["cells"][group].values())
     }
-    against = dict.fromkeys(CELLS, "true mesh") | {"validation": "registered mesh"}
-    heads = [f"{title}, against the {against[group]}" for group, title in groups.items()]
-    rows = ["| mean error, R² | " + " | ".join(heads) + " |", "|---" + "|---:" * len(groups) + "|"]
+    rows = ["| | " + " | ".join(groups.values()) + " |", "|---" + "|---:" * len(groups) + "|"]
     for key, pipeline in results["pipelines"].items():
+        smpl = smpl_name(results, key)
         labels = {name: results["predictors"][name] for name in pipeline["predictors"]}
-        labels[smpl_name(results, key)] = f"*SMPL alone, as `{pipeline['aligner']}` fitted it*"
+        labels[smpl] = f"*SMPL alone, as `{pipeline['aligner']}` fitted it*"
         for name, label in labels.items():
-            scores = [_mm_and_r2(results, group, name) for group in groups]
-            rows.append(f"| {label} | " + " | ".join(scores) + " |")
+            cells = [_verdict(results, group, name, smpl) for group in groups]
+            rows.append(f"| {label} | " + " | ".join(cells) + " |")
     return "\n".join(rows)
 
 
-def verdict_lines(results: Mapping[str, Any]) -> list[str]:
-    """A sentence for each pipeline: the test groups in which it is better than SMPL alone."""
-    lines = []
-    for key, pipeline in results["pipelines"].items():
-        name, smpl = pipeline["default"], smpl_name(results, key)
-        better, worse = [], []
-        for group, title in results["cell_titles"].items():
-            error, without = (mesh_score(results, group, one, "mean_mm") for one in (name, smpl))
-            if group in ("validation", *CELLS) and error:
-                (better if error[0] < without[0] else worse).append(title)
-        line = f"**{results['predictors'][name]}** is nearer to the mesh than SMPL alone in: "
-        line += "; ".join(better) or "no test group"
-        lines.append(f"{line}. Farther in: {'; '.join(worse)}." if worse else f"{line}.")
-    return lines
+def _verdict(results: Mapping[str, Any], group: str, name: str, smpl: str) -> str:
+    """One cell of the table; `smpl` is the name of SMPL alone."""
+    error, without = (mesh_score(results, group, one, "mean_mm") for one in (name, smpl))
+    if not error:
+        return "-"
+    mm = f"{plus_minus(error[:1])} mm"
+    if name == smpl:
+        return mm
+    mark = _NEARER if error[0] < without[0] else _FARTHER
+    return f"{mark} {plus_minus(mesh_score(results, group, name, 'r2'))}, {mm}"
 
 
 def smpl_name(results: Mapping[str, Any], pipeline: str) -> str:
@@ -78,16 +76,10 @@ def plus_minus(values: Sequence[float]) -> str:
     return " ± ".join(decimals(value, 2) for value in values)
 
 
-def _mm_and_r2(results: Mapping[str, Any], group: str, name: str) -> str:
-    mm, r2 = (mesh_score(results, group, name, score) for score in ("mean_mm", "r2"))
-    return f"{plus_minus(mm[:1])} mm, {plus_minus(r2)}" if mm else "-"
-
-
 def render_markdown(
     results: Mapping[str, Any],
     figures: Sequence[Any],
     departures: Sequence[str],
-    notice: str,
     videos: Sequence[str] = (),
 ) -> str:
     """The report in Markdown; links to its sections replace the template's `[contents]`.
@@ -101,10 +93,8 @@ def render_markdown(
         figures=[one for one in figures if one.name.startswith("figure")],
         more=[one for one in figures if not one.name.startswith("figure")],
         departures=departures,
-        notice=notice,
         videos=videos,
-        table=main_table(results),
-        verdict=verdict_lines(results),
+        verdict=verdict_table(results),
         shown=" and ".join(shown),
     )
     titles = re.findall(r"^## (.+)$", page, re.MULTILINE)
@@ -131,7 +121,7 @@ def render_html(markdown: str, folder: Path, *, title: str, banner: str) -> str:
 
     body = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
     body = re.sub(
-        r'src="(figures/[\w.-]+\.png)"', lambda match: embedded(match[1], "image/png"), body
+        r'src="(figures/[\w.-]+\.(png|webp))"', lambda m: embedded(m[1], f"image/{m[2]}"), body
     )
     body = re.sub(r'<p><a href="(videos/[\w.-]+\.mp4)">(.*?)</a>', video, body)
     # A sequence's name could contain a link to a remote picture: drop it, browsers would load it.
@@ -143,6 +133,8 @@ def render_html(markdown: str, folder: Path, *, title: str, banner: str) -> str:
         r"<details><summary>\1</summary>",
         body,
     ).replace("<p>&lt;/details&gt;</p>", "</details>")
+    for mark, name in ((_NEARER, "nearer"), (_FARTHER, "farther")):
+        body = body.replace(f">{mark} ", f'><b class="{name}">{mark}</b> ')
     # On a narrow screen a wide table scrolls, not the page.
     body = body.replace("<table>", '<div class="wide"><table>')
     body = body.replace("</table>", "</table></div>")

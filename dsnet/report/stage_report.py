@@ -46,7 +46,7 @@ from dsnet.report.pages import render_html, render_markdown
 from dsnet.report.paper_table import validation_result
 from dsnet.report.results import departures, of_other_seeds, summarise
 from dsnet.report.update import update_stages
-from dsnet.report.videos import can_write, write_videos
+from dsnet.report.videos import can_encode, write_videos
 
 _TRAINING_OF = {"decode": ("train-ae", "encode", "train"), INFER_PLUS: (TRAIN_PLUS,)}
 _OPTIONAL = ("corpus", "truth", "verify")
@@ -59,8 +59,8 @@ _ORDER = ("corpus", "truth", "align", "align_robust", "train-ae", "encode", "tra
 class ReportConfig:
     """Draw the figures and write the report: one to two minutes on two cores, less than 1 GB.
 
-    Gives `report.md`, `report.html` (one file, pictures inside), `results.json`, `figures/` and,
-    where the extra `clip` is installed, `videos/`.
+    Gives `report.md`, `report.html` (one file, pictures inside; a held-out motion moves at its
+    head), `results.json`, `figures/` and, where the extra `clip` is installed, `videos/`.
     """
 
     run: str = "demo"
@@ -70,8 +70,8 @@ class ReportConfig:
     new predictor was trained this infers, decodes, evaluates and verifies."""
     panel_px: Fixed[PositiveInt] = 300
     """Height of one rendered body in pixels."""
-    video_pictures: Fixed[PositiveInt] = 45
-    """Most pictures of each video, 30 a second."""
+    video_pictures: Fixed[PositiveInt] = 60
+    """Most pictures of what moves, 30 a second."""
 
 
 PROFILES = {
@@ -98,10 +98,13 @@ def main(config: ReportConfig) -> None:
     body = load_paper_body(str(body_model_path(run)))
     scene = Scene(stages, body, config.panel_px)
     others = of_other_seeds(run, stages["evaluate"])
-    pictures = config.video_pictures if can_write() else 0
     run.build(
         "report",
-        {"panel_px": config.panel_px, "video_pictures": pictures},
+        {
+            "panel_px": config.panel_px,
+            "video_pictures": config.video_pictures,
+            "videos": can_encode(),
+        },
         lambda writer: _make(writer, scene, config, others),
         data=scene.origin,
         upstream=stages | {f"seed_{seed}": evaluate for seed, evaluate in others.items()},
@@ -140,11 +143,11 @@ def _make(
     results = summarise(scene.stages, config.run, scene.body.gender, others)
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"
     writer.file_path("results.json").write_text(text, encoding="utf-8")
-    notice = FOOTERS[scene.origin]
     page = writer.file_path("report.md")
-    markdown = render_markdown(results, figures, departures(scene.stages), notice, videos)
+    markdown = render_markdown(results, figures, departures(scene.stages), videos)
     page.write_text(markdown, encoding="utf-8")
-    html = render_html(markdown, page.parent, title=f"DSNet, run {config.run}", banner=notice)
+    banner = FOOTERS[scene.origin]
+    html = render_html(markdown, page.parent, title=f"DSNet, run {config.run}", banner=banner)
     writer.file_path("report.html").write_text(html, encoding="utf-8")
 
 

@@ -33,6 +33,9 @@ _ASIDE_RAD, _GAP_M = 0.35, 0.12
 _LEAST_COLUMN_PX = 160
 """Room for a title."""
 _EXTRA = "clip"
+_HELD_OUT, _HELD_OUT_CLIP = "figure7_validation", "figures/held_out.webp"
+_WEBP_PX, _WEBP_QUALITY = 900, 70
+"""Most width of the clip at the head of the page, which is inside the page."""
 
 
 class Figure(Protocol):
@@ -45,26 +48,45 @@ class Figure(Protocol):
 
 
 def write_videos(writer: ArtifactWriter, figures: Iterable[Figure], pictures: int) -> list[str]:
-    """Write `videos/<figure>.mp4` of those that move, with so many pictures at most; their names.
+    """Write those of the figures that move, with so many pictures at most.
 
-    None, and a line on stderr that says why, where the extra `clip` is not installed.
+    Figure 7 is an animated picture, `figures/held_out.webp`. Where the extra `clip` is installed,
+    all are `videos/<figure>.mp4` too, and their names are given; otherwise a line on stderr says
+    why not.
     """
-    moving = [figure for figure in figures if figure.name in VIDEOS]
-    if moving and not can_write():
+    moving, encoded = [figure for figure in figures if figure.name in _ROWS], can_encode()
+    if moving and not encoded:
         notify(f"left out: videos, which need imageio-ffmpeg. {how_to_install(_EXTRA)}")
-        return []
-    for one in progress(moving, what="videos", unit="video"):
-        VIDEOS[one.name](writer.file_path(f"videos/{one.name}.mp4"), *one.arguments, pictures)
-    return [one.name for one in moving]
+        moving = [figure for figure in moving if figure.name == _HELD_OUT]
+    for figure in progress(moving, what="videos", unit="video"):
+        row = _ROWS[figure.name](*figure.arguments, pictures)
+        pages = row.pages()
+        if figure.name == _HELD_OUT:
+            write_webp(writer.file_path(_HELD_OUT_CLIP), pages, row.fps)
+        if encoded:
+            path = writer.file_path(f"videos/{figure.name}.mp4")
+            size_px, about = row.sheet.size_px, row.about
+            encode_mp4(path, pages, size_px=size_px, fps=row.fps, comment=about)
+    return [figure.name for figure in moving if encoded]
 
 
-def can_write() -> bool:
-    """Whether there is an encoder."""
+def can_encode() -> bool:
+    """Whether there is an encoder of MP4."""
     return find_spec("imageio_ffmpeg") is not None
 
 
-def write_figure7(path: Path, scene: Scene, sequence: MotionSequence, pictures: int) -> None:
-    """The registered mesh, SMPL alone and each pipeline's prediction, of a held-out sequence.
+def write_webp(path: Path, pages: Sequence[Image.Image], fps: float) -> None:
+    """Write pages as an animated picture that loops, at most 900 pixels wide."""
+    width, height = pages[0].size
+    scale = min(1.0, _WEBP_PX / width)
+    size = round(width * scale), round(height * scale)
+    first, *others = [page.resize(size, Image.Resampling.LANCZOS) for page in pages]
+    look = {"quality": _WEBP_QUALITY, "duration": round(1000 / fps), "loop": 0}
+    first.save(path, save_all=True, append_images=others, **look)
+
+
+def _figure7(scene: Scene, sequence: MotionSequence, pictures: int) -> _Row:
+    """SMPL alone, each pipeline's prediction and the registered mesh, of a held-out sequence.
 
     At most so many `pictures`, about the frame with the largest offsets.
     """
@@ -74,16 +96,17 @@ def write_figure7(path: Path, scene: Scene, sequence: MotionSequence, pictures: 
     aligned_m = first.align.frames("offsets", name, frames)
     truth, plain = (scene.pose(first.motions, name, frames, o) for o in (aligned_m, None))
     columns: list[Series] = [
-        ("registered mesh", truth, np.linalg.norm(aligned_m, axis=-1)),
         ("SMPL alone", plain, None),
+        *(scene.predicted_series(one, name, frames) for one in scene.pipelines),
+        ("ground truth", truth, np.linalg.norm(aligned_m, axis=-1)),
     ]
-    columns += [scene.predicted_series(one, name, frames) for one in scene.pipelines]
-    _write(path, scene, [_turned(first.motions, name, one) for one in columns], sequence.fps)
+    turned = [_turned(first.motions, name, one) for one in columns]
+    return _Row(scene, turned, sequence.fps / _STEP)
 
 
-def write_figure9(
-    path: Path, scene: Scene, shown: Mapping[str, Sequence[MotionSequence | None]], pictures: int
-) -> None:
+def _figure9(
+    scene: Scene, shown: Mapping[str, Sequence[MotionSequence | None]], pictures: int
+) -> _Row:
     """The last of Figure 9's motions that a known and a new person do, or one of them alone."""
     pipeline = scene.pipelines[0]
     rows = [dict(zip(("known", "new"), pair, strict=True)) for pair in shown.values()]
@@ -96,7 +119,7 @@ def write_figure9(
         label, posed, sizes_m = scene.predicted_series(pipeline, one.name, frames)
         series = f"{person}: {label}", posed, sizes_m
         columns.append(_turned(pipeline.motions, one.name, series))
-    _write(path, scene, columns, next(iter(present.values())).fps)
+    return _Row(scene, columns, next(iter(present.values())).fps / _STEP)
 
 
 def _frames_about(middle: int, length: int, pictures: int) -> NDArray[np.int64]:
@@ -112,19 +135,6 @@ def _turned(motions: MotionArrays, name: str, series: Series) -> Series:
     pose, _ = unpack_theta(motions.frames("theta", name, slice(None)))
     turn = turned_to_camera(pose, _ASIDE_RAD)
     return title, turn.apply(posed.reshape(-1, 3)).reshape(posed.shape), sizes_m
-
-
-def _write(path: Path, scene: Scene, columns: Sequence[Series], fps: float) -> None:
-    row = _Row(scene, columns, fps / _STEP)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with worker_pool("threads", row) as pool:
-        pages = pool.map(_Row.page, range(len(columns[0][1])))
-        comment = f"{FOOTERS[scene.origin]}; " + ", ".join(title for title, *_ in columns)
-        encode_mp4(path, pages, size_px=row.sheet.size_px, fps=row.fps, comment=comment)
-
-
-VIDEOS = {"figure7_validation": write_figure7, "figure9_people": write_figure9}
-"""By figure: takes a path, the arguments of the figure's own function, and a number of pictures."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +179,17 @@ class _Row:
         size = self._camera.width_px, self._camera.height_px
         return ClipPage(*size, titles=titles, top_m=self._top_m, origin=self.scene.origin)
 
-    def page(self, picture: int) -> Image.Image:
+    @property
+    def about(self) -> str:
+        """The kind of data, and the titles."""
+        return f"{FOOTERS[self.scene.origin]}; " + ", ".join(title for title, *_ in self.columns)
+
+    def pages(self) -> list[Image.Image]:
+        """All pictures, in order."""
+        with worker_pool("threads", self) as pool:
+            return [*pool.map(_Row._page, range(len(self.columns[0][1])))]
+
+    def _page(self, picture: int) -> Image.Image:
         """One picture with titles, scale, footer, and the time since the first."""
         step_m = np.array([self._column_m, 0.0, 0.0])
         bodies = [posed[picture] + k * step_m for k, (_, posed, _) in enumerate(self.columns)]
@@ -182,3 +202,7 @@ class _Row:
         faces = self.scene.body.faces
         drawn = render_bodies(bodies, faces, camera=self._camera, colours=colours)
         return self.sheet.with_picture(drawn, picture / self.fps)
+
+
+_ROWS = {_HELD_OUT: _figure7, "figure9_people": _figure9}
+"""By figure: takes the arguments of the figure's own function, and a number of pictures."""

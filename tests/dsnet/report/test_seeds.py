@@ -71,8 +71,8 @@ def test_results_have_mean_and_spread_over_the_runs(runs):
     page = (runs / "r" / "report" / "report.md").read_text()
     assert "trainings from seeds 0, 1, 10 on one alignment" in page
     mesh = found["mesh"]
-    shown = f"{mesh['mean_mm']['mean']:.2f} mm, {mesh['r2']['mean']:.2f} ± {mesh['r2']['sd']:.2f}"
-    assert f"| {results['predictors']['dsnet_small']} | {shown} |" in page
+    shown = f"{mesh['r2']['mean']:.2f} ± {mesh['r2']['sd']:.2f}, {mesh['mean_mm']['mean']:.2f} mm"
+    assert f"| {results['predictors']['dsnet_small']} | ✓ {shown} |" in page
 
 
 def test_a_run_of_another_alignment_is_left_out(runs, monkeypatch, capsys):

@@ -10,17 +10,19 @@ import subprocess
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import pytest
+from PIL import Image, ImageSequence
 
 from bridge import DsnetError
+from bridge.body import load_body_model
 from bridge.runs import ArtifactWriter, Run, read_artifact
 from dsnet.evaluation.evaluation import evaluate_run
 from dsnet.evaluation.pipelines import MotionArrays, Pipeline
 from dsnet.pictures.panels import FOOTERS
 from dsnet.report import stage_report, videos
+from dsnet.report.bodies import Scene
 from dsnet.report.diagrams import sizes_of
 from dsnet.report.pages import render_html, render_markdown
 from dsnet.report.paper_table import compare, measure
@@ -51,14 +53,17 @@ def folder(forged_runs, tmp_path_factory):
 def test_every_figure_is_shown_and_every_shown_one_exists(folder):
     shown = re.findall(r"\(figures/([\w.-]+)\)", (folder / "report.md").read_text())
     drawn = sorted(path.name for path in (folder / "figures").iterdir())
-    assert shown == [f"{name}.png" for name in FIGURES]
-    assert drawn == sorted(f"{name}.png" for name in FIGURES)
+    assert shown == ["held_out.webp", *(f"{name}.png" for name in FIGURES)]
+    assert drawn == sorted(shown)
 
 
-def test_pages_say_synthetic_from_the_start(folder):
-    assert "synthetic" in (folder / "report.md").read_text()[:200].lower()
+def test_pages_say_synthetic_once_at_the_start(folder):
+    text = (folder / "report.md").read_text()
+    assert "**Synthetic data.**" in text[:100]
+    assert text.count("Synthetic data") == 1
     page = (folder / "report.html").read_text()
     assert FOOTERS["synthetic"] in page.partition("<h1>")[0]
+    assert page.count(FOOTERS["synthetic"]) == 1
     assert json.loads((folder / "results.json").read_text())["data"] == "synthetic"
 
 
@@ -66,15 +71,48 @@ def test_html_needs_no_other_file(folder):
     page = (folder / "report.html").read_text()
     sources = re.findall(r'(?:src|href)="([^"#][^"]{0,40})', page)
     kinds = Counter(source.partition(";base64,")[0] for source in sources)
-    embedded = {"data:image/png": "figures", "data:video/mp4": "videos"}
-    present = {kind: name for kind, name in embedded.items() if (folder / name).is_dir()}
-    assert kinds == {kind: len([*(folder / name).iterdir()]) for kind, name in present.items()}
+    files = [path for name in ("figures", "videos") for path in folder.glob(f"{name}/*")]
+    embedded = {".png": "data:image/png", ".webp": "data:image/webp", ".mp4": "data:video/mp4"}
+    assert kinds == Counter(embedded[path.suffix] for path in files)
     assert kinds["data:image/png"] == len(FIGURES)
     encoded = re.findall(r"base64,([^\"]+)", page)
-    files = {path.read_bytes() for name in present.values() for path in (folder / name).iterdir()}
-    assert {base64.b64decode(text) for text in encoded} == files
+    assert {base64.b64decode(text) for text in encoded} == {path.read_bytes() for path in files}
     assert not re.search(r"<script|@import|url\(", page)
     assert page.count("<table>") == page.count('<div class="wide">') > 5
+
+
+def assert_moves(pages: np.ndarray, columns: int) -> None:
+    """Pages (T, height, width, 3): in each column a body that moves, below them the notice."""
+    assert pages.ndim == 4
+    column_px = (pages.shape[2] - 62) // columns
+    for column in range(columns):
+        own = pages[:, 30:-22, column * column_px : (column + 1) * column_px]
+        assert (own.min(axis=-1) < 200).mean() > 0.02
+        assert np.abs(np.diff(own, axis=0)).max() > 50
+    foot = pages[:, -20:].reshape(len(pages), -1, 3)
+    assert ((foot[..., 0] - foot[..., 2]) > 60).any(axis=1).all()
+
+
+def test_the_held_out_motion_moves_at_the_head(folder):
+    """In a loop: every second frame of nine at 30 a second; a column for each pipeline and two."""
+    head = (folder / "report.md").read_text().partition("[Verdict](#verdict)")[0]
+    assert "](figures/held_out.webp)" in head
+    assert "*50004_one_leg_jump in real time, which no predictor saw in training." in head
+    with Image.open(folder / "figures" / "held_out.webp") as clip:
+        assert (clip.format, clip.info["loop"]) == ("WEBP", 0)
+        pages = np.stack(
+            [np.asarray(one.convert("RGB"), int) for one in ImageSequence.Iterator(clip)]
+        )
+        assert clip.info["duration"] == 33
+    assert len(pages) == 5
+    assert_moves(pages, 4)
+
+
+def test_the_clip_is_no_wider_than_the_page(tmp_path):
+    pages = [Image.new("RGB", (1800, 301), colour) for colour in ("red", "blue")]
+    videos.write_webp(tmp_path / "a.webp", pages, 30)
+    with Image.open(tmp_path / "a.webp") as clip:
+        assert clip.size == (900, 150)
 
 
 def test_figures_7_and_9_move(folder):
@@ -92,22 +130,21 @@ def test_figures_7_and_9_move(folder):
         ((width, height),) = {(int(w), int(h)) for w, h in re.findall(r" (\d{3,})x(\d+)", said)}
         pages = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3).astype(int)
         assert len(pages) == pictures
-        column_px = (width - 62) // columns
-        for column in range(columns):
-            own = pages[:, 30:-22, column * column_px : (column + 1) * column_px]
-            assert (own.min(axis=-1) < 200).mean() > 0.02
-            assert np.abs(np.diff(own, axis=0)).max() > 50
-        foot = pages[:, -20:].reshape(len(pages), -1, 3)
-        assert ((foot[..., 0] - foot[..., 2]) > 60).any(axis=1).all()
+        assert_moves(pages, columns)
 
 
-def test_without_an_encoder_the_report_goes_on(monkeypatch, capsys):
+def test_without_an_encoder_the_report_moves_all_the_same(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(videos, "find_spec", lambda name: None)
-    figure = stage_report.Figure("figure7_validation", print, ())
-    assert videos.write_videos(cast("ArtifactWriter", None), [figure], 4) == []
+    stages = {path.name: read_artifact(path) for path in folder.parent.iterdir() if path != folder}
+    scene = Scene(stages, load_body_model("embedded:female"), 48)
+    moving = [one for one in stage_report.plan_figures(scene) if one.name in FIGURES[6:9:2]]
+    assert [one.name for one in moving] == ["figure7_validation", "figure9_people"]
+    writer = ArtifactWriter(tmp_path / "report", "report", data="synthetic")
+    assert videos.write_videos(writer, moving, 2) == []
+    made = {path.name for path in tmp_path.rglob("*") if path.suffix in (".webp", ".mp4")}
+    assert made == {"held_out.webp"}
     said = capsys.readouterr().err
     assert "left out: videos, which need imageio-ffmpeg. Install the extra" in said
-    assert said.count("\n") == 1
 
 
 def test_results_hold_the_numbers(folder):
@@ -167,24 +204,51 @@ def test_the_autoencoders_figure_has_the_built_widths(folder):
     assert total == manifest["parameters"]["mesh_autoencoder"]
 
 
+def verdict_of(page: str) -> list[str]:
+    """The lines of the table below the heading Verdict."""
+    part = page.partition("## Verdict\n\n")[2]
+    return part.partition("\n\n")[0].splitlines()
+
+
 def test_both_pipelines_stand_side_by_side_first(folder):
     results = json.loads((folder / "results.json").read_text())
     page = (folder / "report.md").read_text()
-    table = page.partition("## Verdict")[2].partition("\n|")[2].partition("\n\n")[0]
-    head, _, *rows = table.splitlines()
+    head, _, *rows = verdict_of(page)
     assert [text.strip() for text in head.split(" | ")[1:]] == [
-        "held out, `50004_one_leg_jump`, against the registered mesh",
-        "known person, unseen motion, against the true mesh",
-        "new person, unseen motion, against the true mesh |",
+        "held out, `50004_one_leg_jump`",
+        "known person, unseen motion",
+        "new person, unseen motion |",
     ]
     cells = ("validation", "known_person_unseen_motion", "new_person_unseen_motion")
     names = ["dsnet_small", "dsnet_other", "smpl", "dsnet_plus", "smpl_best"]
     assert len(rows) == len(names)
     for row, name in zip(rows, names, strict=True):
         label, *shown = row.strip("| ").split(" | ")
-        assert label == results["predictors"][name] or label.startswith("*SMPL alone, as `")
         found = [results["cells"][cell][name]["mesh"] for cell in cells]
-        assert shown == [f"{one['mean_mm']:.2f} mm, {one['r2'] + 0.0:.2f}" for one in found]
+        expected = [f"{one['mean_mm']:.2f} mm" for one in found]
+        if name.startswith("smpl"):
+            assert label.startswith("*SMPL alone, as `")
+        else:
+            assert label == results["predictors"][name]
+            r2 = [f"✓ {one['r2'] + 0.0:.2f}" for one in found]
+            expected = [f"{score}, {mm}" for score, mm in zip(r2, expected, strict=True)]
+        assert shown == expected
+
+
+def test_farther_in_the_mean_is_a_cross_whatever_r2_says(folder):
+    def farther(results):
+        mesh = results["cells"]["validation"]["dsnet_small"]["mesh"]
+        mesh["mean_mm"] = results["cells"]["validation"]["smpl"]["mesh"]["mean_mm"] + 1
+        mesh["r2"] = 0.25
+        del results["cells"]["validation"]["dsnet_other"]["mesh"]
+
+    page = page_of(folder, farther)
+    _, _, small, other, *_ = verdict_of(page)
+    assert small.split(" | ")[1].startswith("✗ 0.25, ")
+    assert other.split(" | ")[1] == "-"
+    html = render_html(page, folder, title="", banner="")
+    assert '<b class="farther">✗</b> 0.25, ' in html
+    assert '<b class="nearer">✓</b> ' in html
 
 
 def test_the_page_names_law_form_gravity_and_bodies(folder):
@@ -248,7 +312,7 @@ def page_of(folder, edit):
     """`report.md` as it would be with other results."""
     results = json.loads((folder / "results.json").read_text())
     edit(results)
-    return render_markdown(results, [], [], "")
+    return render_markdown(results, [], [])
 
 
 def test_an_autoencoder_that_learned_nothing_is_called_so(folder):
@@ -292,7 +356,7 @@ def test_the_best_pipeline_alone_has_a_report(own_alignment, forged_runs, tmp_pa
     drawn = {path.stem for path in (runs / "best" / "report" / "figures").iterdir()}
     assert drawn == {
         "figure1_strip", "figure2_alignment", "figure6_lengths", "figure7_validation",
-        "figure8_error", "figure10_spine2", "over_time", "spectrum", "loss_plus",
+        "figure8_error", "figure10_spine2", "over_time", "spectrum", "loss_plus", "held_out",
     }  # fmt: skip
     assert "DSNet plus" in page
     assert "autoencoder" not in page.partition("## Every test group")[0]
