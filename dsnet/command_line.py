@@ -69,7 +69,7 @@ def refuse_words_without_name(command: str, options: Sequence[str]) -> None:
         beside = Path(words[0].removeprefix("sample:")).with_suffix(".usd")
         words = [words[0], words[1] if count > 1 else str(beside)]
         suffix = Path(words[1]).suffix[1:].lower()
-        meant += ["--to", "usd" if suffix in ("", "usda", "usdc") else suffix]
+        meant += ["--to", "usd" if suffix in ("", "usda", "usdc", "usdz") else suffix]
     for name, word in zip(names, words, strict=False):
         meant += [name, word]
     raise DsnetError(

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from bridge.body.embedded import EMBEDDED_GENDERS, embedded_texture
 from bridge.body.model_data import BodyModelData, Texture
 
+ROUGHNESS = 0.75
+"""Of the skin in exported materials; it is no metal."""
+
 
 def skin_png(body: BodyModelData) -> bytes | None:
     """The picture of an embedded body's skin as a PNG file; None for any other body.

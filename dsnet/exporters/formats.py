@@ -57,7 +57,7 @@ FORMATS = {
     "onnx-plain": Format("dsnet.exporters.onnx_model.export_onnx_plain", needs_motion=False),
     "usd": Format(
         "dsnet.exporters.usd.write",
-        (".usd", ".usdc", ".usda"),
+        (".usdz", ".usd", ".usdc", ".usda"),
         "pxr",
         "usd",
         title="USD: Houdini, Blender, Maya, Unreal",

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.posing import joint_rotations, pose_features, shaped_joints, shaped_vertices
-from bridge.body.skin import SplitMesh, split_at_seams
+from bridge.body.skin import ROUGHNESS, SplitMesh, split_at_seams
 from bridge.body.surface_operators import vertex_normals
 from bridge.motion.smoothing import continuous_quaternions
 from dsnet.exporters.output import export_facts
@@ -31,7 +31,6 @@ MOST_SHAPES = 64
 ENOUGH_M = 2e-4
 """Largest error of a vertex in the fitted frames at which no more directions are added."""
 _LINEAR, _BY_MIPMAPS, _CLAMPED = 9729, 9987, 33071
-_ROUGHNESS = 0.75
 _SET = 4
 """Joints of a vertex in one set: SMPL needs one set; some players read only the first."""
 _TYPES = {np.dtype("f4"): 5126, np.dtype("u4"): 5125, np.dtype("u1"): 5121}
@@ -202,7 +201,7 @@ def _bones(body: BodyModelData, joints_m: NDArray) -> list[dict[str, Any]]:
 
 def _material(buffer: _Buffer, png: bytes) -> dict[str, Any]:
     """The scene's entries for a material that is a picture of skin."""
-    look = {"baseColorTexture": {"index": 0}, "metallicFactor": 0, "roughnessFactor": _ROUGHNESS}
+    look = {"baseColorTexture": {"index": 0}, "metallicFactor": 0, "roughnessFactor": ROUGHNESS}
     filters = {"magFilter": _LINEAR, "minFilter": _BY_MIPMAPS, "wrapS": _CLAMPED, "wrapT": _CLAMPED}
     return {
         "materials": [{"name": "skin", "pbrMetallicRoughness": look}],

@@ -75,7 +75,7 @@ def test_betas_and_predictor_are_those_asked_for(motion, tmp_path, refused):
         ("--to npz --motion no.npz --out {out}.npz", "does not exist"),
         ("--to fbx --motion {motion} --out {out}", "one of onnx, onnx-clip, onnx-plain, usd"),
         ("--to fbx --motion {motion} --out {out}", "glb or usd, and convert it in Blender"),
-        ("--to usd --motion {motion} --out {out}", "ends in .usd or .usdc or .usda"),
+        ("--to usd --motion {motion} --out {out}", "ends in .usdz or .usd or .usdc or .usda"),
         ("--to usd --motion {motion} --out {out}.usd --precision int8", "--precision int8"),
         (
             "--to npz --motion {motion} --out {out}.npz --predictor dsnet_plus dsnet_faithful",
