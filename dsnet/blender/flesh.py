@@ -16,7 +16,8 @@ from bridge.body.posing import ShapedBody, Smpl
 from bridge.motion import Motion
 from bridge.motion.resampling import prepared
 from dsnet.blender.rest_mesh import MeshBody
-from dsnet.prediction.controls import GAINS, Controls, controlled_body
+from dsnet.prediction.controls import Controls, controlled_body
+from dsnet.prediction.gains import GAINS
 from dsnet.prediction.load_model import TrainedModel, load_model
 from dsnet.prediction.moving_body import place_motion
 

@@ -160,7 +160,7 @@ def write(path: Path, moving: MovingBody) -> None:
     skin = {"joints": [*range(bones)], "skeleton": 0, "inverseBindMatrices": buffer.add(bind)}
     extras = {"dsnet": {**export_facts(moving), "largest_error_mm": 1e3 * shapes.error_m}}
     # Blender drops what the asset says; of the mesh it makes properties (`dsnet.blender`).
-    facts = {"betas": moving.motion.betas.tolist(), "flesh": bool(np.any(moving.gain))}
+    facts = {"betas": moving.motion.betas.tolist(), "flesh": bool(moving.gains.of_parts.any())}
     png, split, skinned = moving.skin_png, None, {}
     if png is not None and body.texture is not None:
         split, skinned = split_at_seams(body.faces, body.texture), _material(buffer, png)

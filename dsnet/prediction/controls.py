@@ -13,19 +13,19 @@ from types import NoneType
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import GENDERS, SMPL_JOINT_NAMES
-from bridge.body.parts import GROUPS, PARTS, part_weights
 from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.errors import DsnetError, notify, unknown_name
 from bridge.motion import Motion, load_motion
 from bridge.motion.motion import HowRead
 from bridge.motion.skeletons import read_joint_map
-from bridge.options import Bounds, check_options, numbers_by_name
+from bridge.options import check_options
 from bridge.paper import FPS, N_BETAS
 from dsnet.markers.bone_pose import bone_pose_of
+from dsnet.prediction.gains import GAINS, gains_of_parts
 from dsnet.prediction.load_model import Source, TrainedModel, is_on, load_model, requested_body
 from dsnet.prediction.loops import REMEDY, Loop, close_loop
 from dsnet.prediction.motion_options import MotionOptions
@@ -34,8 +34,6 @@ from dsnet.prediction.shape_space import UseOfBetas, use_of_betas, with_betas_on
 from dsnet.prediction.shapes import find_shape, parse_shape
 
 Floor = Literal["keep", "shift", "scale"]
-GAINS = Bounds(0, 20)
-"""What a gain may be."""
 _LEGS = ("left_hip", "right_hip")
 
 
@@ -44,7 +42,8 @@ class Controls(MotionOptions):
     """How a body moves; what is left at its default changes nothing."""
 
     gain: Annotated[float, GAINS] = 1.0
-    """Multiplies the soft-tissue dynamics: 0 is SMPL alone, 1 the prediction, 20 the most."""
+    """Multiplies the soft-tissue dynamics, as far as flesh strains: 0 is SMPL alone, 1 the
+    prediction, 20 the most."""
     part_gain: tuple[str, ...] = ()
     """Gains of body parts, multiplied by --gain: `belly=2 chest=0.5`. Parts are head, chest, belly,
     back, buttocks, upper_arms, forearms, hands, thighs, calves, feet; groups are torso, arms, legs.
@@ -232,7 +231,7 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
     if controls.pose == "bony":
         motion = bone_pose_of(body, motion)
     if controls.part_gain:
-        gain = blended_gain(body, gain, gains_of_parts(controls.part_gain))
+        gain = gain * gains_of_parts(controls.part_gain)
     placed = place_motion(motion, body, betas)
     placed, loop = put_on_floor(placed, body, controls.floor, motion.betas), None
     if controls.loop:
@@ -264,22 +263,6 @@ def _parsed_betas(text: str) -> NDArray[np.float64]:
             "Separate them by commas, no spaces.",
         )
     return betas
-
-
-def blended_gain(body: BodyModelData, gain: float, of_parts: ArrayLike) -> NDArray[np.float32]:
-    """(V,) gains of vertices from one of all and those of `PARTS` (11,), which fade as they do."""
-    return (gain * part_weights(body) @ np.asarray(of_parts)).astype(np.float32)
-
-
-def gains_of_parts(part_gain: Sequence[str]) -> NDArray[np.float64]:
-    """(11,) the gains of `PARTS`, 1 where none is given.
-
-    `part_gain` is `part=gain` of `PARTS` and `GROUPS`; a part's gain counts more than its group's.
-    """
-    remedy = "Pass --part-gain belly=2 chest=0.5."
-    gains = numbers_by_name("--part-gain", part_gain, (*PARTS, *GROUPS), GAINS, remedy)
-    group_of = {part: group for group, parts in GROUPS.items() for part in parts}
-    return np.array([gains.get(part, gains.get(group_of.get(part, ""), 1.0)) for part in PARTS])
 
 
 def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, file_betas: NDArray) -> Motion:

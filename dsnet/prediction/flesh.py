@@ -128,7 +128,8 @@ class Flesh(Sequence[FleshClip]):
             folders = (made.path, *made.path.resolve().parents)
             self._interpolations[digest] = Interpolation.load(folders, digest)
         constant_m = made.array("constant") if "constant" in arrays else None
-        return NodeOffsets(made.array("nodes"), self._interpolations[digest], constant_m)
+        gains = made.array("gains") if "gains" in arrays else None
+        return NodeOffsets(made.array("nodes"), self._interpolations[digest], constant_m, gains)
 
 
 def load_flesh(folder: Path | str, body: BodyModelData | Path | str | None = None) -> Flesh:

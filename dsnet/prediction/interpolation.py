@@ -4,8 +4,9 @@
 
     offsets_v = sum_i shares_vi nodes_owners_vi + constant_v
 
-where gains, also of single body parts, are in the shares. What the pose alone does is at the nodes
-too. The constant is a known person's, and zero for everybody else.
+where gains, also of single body parts, are in the shares; those that strain limits in each frame
+(`dsnet.prediction.gains`) come as numbers of parts, by which the sum is multiplied. What the pose
+alone does is at the nodes too. The constant is a known person's, and zero for everybody else.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ class Interpolation:
     shares: NDArray[np.float32]
     """(V, 8) what a vertex takes of them, all zero where no flesh is."""
     node_count: int
+    fading: NDArray[np.float32] | None = None
+    """(V, 11) how much of each part's gain a vertex has, where gains differ from frame to frame."""
 
     @cached_property
     def digest(self) -> str:
@@ -48,11 +51,17 @@ class Interpolation:
         """(V, K) with which `matrix @ nodes` (K, 3) gives offsets (V, 3)."""
         return shares_matrix(self.owners, self.shares, self.node_count)
 
-    def offsets_m(self, nodes_m: NDArray, constant_m: NDArray | None = None) -> NDArray[np.float32]:
-        """(T, V, 3) offsets of offsets (T, K, 3) of the nodes and a constant (V, 3), metres."""
+    def offsets_m(
+        self, nodes_m: NDArray, constant_m: NDArray | None = None, gains: NDArray | None = None
+    ) -> NDArray[np.float32]:
+        """(T, V, 3) offsets of offsets (T, K, 3) of the nodes and a constant (V, 3), metres, by
+        gains (T, 11) of parts if there are any."""
         at_nodes = np.asarray(nodes_m, np.float32)
         offsets_m = per_frame(self.matrix, at_nodes)
-        return offsets_m if constant_m is None else offsets_m + constant_m
+        offsets_m = offsets_m if constant_m is None else offsets_m + constant_m
+        if gains is None or self.fading is None:
+            return offsets_m
+        return offsets_m * (gains @ self.fading.T)[..., None]
 
     @staticmethod
     def name(digest: str) -> str:
@@ -75,7 +84,7 @@ class Interpolation:
                 continue
             if arrays_sha256(arrays) == digest:
                 count = int(arrays["node_count"][0])
-                return cls(arrays["owners"], arrays["shares"], count)
+                return cls(arrays["owners"], arrays["shares"], count, arrays.get("fading"))
         raise DsnetError(
             f"nodes in {where[0]} without {name}, which says how they move vertices",
             "it in the folder that `dsnet predict` wrote, unchanged",
@@ -84,7 +93,8 @@ class Interpolation:
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
         count = np.array([self.node_count], np.int64)
-        return {"owners": self.owners, "shares": self.shares, "node_count": count}
+        fading = {} if self.fading is None else {"fading": self.fading}
+        return {"owners": self.owners, "shares": self.shares, "node_count": count, **fading}
 
 
 class NodeOffsets:
@@ -97,12 +107,18 @@ class NodeOffsets:
     ----------
     nodes_m : (T, K, 3) metres, before any gain.
     constant_m : (V, 3) metres, that each frame has besides.
+    gains : (T, 11) of parts, where they differ from frame to frame.
     """
 
     def __init__(
-        self, nodes_m: NDArray, interpolation: Interpolation, constant_m: NDArray | None = None
+        self,
+        nodes_m: NDArray,
+        interpolation: Interpolation,
+        constant_m: NDArray | None = None,
+        gains: NDArray | None = None,
     ) -> None:
         self.nodes_m, self.interpolation, self.constant_m = nodes_m, interpolation, constant_m
+        self.gains = gains
         self.shape = (len(nodes_m), len(interpolation.owners), 3)
         self.dtype, self.ndim = np.dtype(np.float32), 3
 
@@ -118,9 +134,11 @@ class NodeOffsets:
     def __getitem__(self, frames: slice | NDArray[np.integer]) -> NDArray[np.float32]: ...
     def __getitem__(self, frames: Any) -> NDArray[np.float32]:
         nodes_m = self.nodes_m[frames]
+        gains = None if self.gains is None else self.gains[frames]
         if nodes_m.ndim == 2:
-            return self.interpolation.offsets_m(nodes_m[None], self.constant_m)[0]
-        return self.interpolation.offsets_m(nodes_m, self.constant_m)
+            gains = None if gains is None else gains[None]
+            return self.interpolation.offsets_m(nodes_m[None], self.constant_m, gains)[0]
+        return self.interpolation.offsets_m(nodes_m, self.constant_m, gains)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         offsets_m = np.empty(self.shape, dtype or self.dtype)

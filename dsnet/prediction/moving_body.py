@@ -25,6 +25,7 @@ from bridge.motion.motion_checks import motion_warnings
 from bridge.paper import N_JOINTS
 from bridge.runs.workers import progress
 from dsnet.markers.bone_pose import flesh_in_pose
+from dsnet.prediction.gains import Gains
 from dsnet.prediction.load_model import NO_RUN, TrainedModel
 from dsnet.prediction.loops import Loop
 from dsnet.prediction.models import Prediction, decoded, predict_loop, predict_whole
@@ -51,6 +52,8 @@ class MovedFrames:
     """(T', V, 3) in the rest pose, metres."""
     predicted_m: NDArray[np.float32]
     """The same before any gain."""
+    gains: NDArray[np.float32] | None
+    """(T', 11) of the body's parts, where strain limits them."""
     posed: Callable[[MovedFrames], NDArray[np.float32]]
 
     def __len__(self) -> int:
@@ -71,8 +74,9 @@ class MovingBody:
     ----------
     trained : what moves it.
     motion : (T, 69) at 60 frames a second with y up, and the shape to move with.
-    gain : by which the predicted offsets are multiplied, one number or one a vertex (V,): 0 is
-        SMPL alone, 1 what was predicted.
+    gain : by which the predicted offsets are multiplied, as far as flesh strains
+        (`dsnet.prediction.gains`), one number or one a part of the body (11,): 0 is SMPL alone, 1
+        what was predicted.
     controls : an animator's options, by name: `Controls.given()`, which motion, gain and
         loop already obey. It goes with what is written of the body.
     loop : the motion as one that repeats, if it does.
@@ -90,9 +94,7 @@ class MovingBody:
         self.controls = dict(controls or {})
         self.pieces = motion.pieces
         self.loop = loop
-        gains = np.asarray(gain, np.float32)
-        self.gain = gains[:, None] if gains.ndim else gains
-        """() or (V, 1)."""
+        self.gains = Gains(trained.body, motion.betas, gain)
         self.plain = False
         """Whether it is shown without the picture of skin that an embedded body has."""
 
@@ -165,8 +167,12 @@ class MovingBody:
             return finite(shaped.pose(pose[frames], trans[frames], moved.offsets_m), frames)
 
         for offsets_m in self._offset_pieces():
-            frames = slice(start, start + len(offsets_m))
-            yield MovedFrames(frames, finite(offsets_m * self.gain, frames), offsets_m, posed)
+            frames, gains = slice(start, start + len(offsets_m)), None
+            gain = self.gains.unlimited
+            if self.gains.limited:
+                gains = self.gains.left_of_parts(offsets_m)
+                gain = (gains @ self.gains.shares.T)[..., None]
+            yield MovedFrames(frames, finite(offsets_m * gain, frames), offsets_m, gains, posed)
             start = frames.stop
 
     def arrays(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

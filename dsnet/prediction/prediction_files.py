@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.body.parts import PARTS
 from bridge.body.vertex_order import VERTICES, vertex_order
 from bridge.errors import DsnetError, notify
 from bridge.motion.readers import is_smpl_family
@@ -122,6 +123,9 @@ def fill_prediction(
     if "nodes16" in write:
         nodes, read = _nodes_of(writer, moving, shared)
         made["nodes"] = writer.array_file("nodes", (len(moving), nodes, 3), np.float16, "m"), read
+        if moving.gains.limited:
+            gains = writer.array_file("gains", (len(moving), len(PARTS)), np.float32, "1")
+            made["gains"] = gains, attrgetter("gains")
     for word in [one for one in write if one in ("offsets", "offsets16", "vertices")]:
         dtype = np.float16 if word == "offsets16" else np.float32
         name = word.removesuffix("16")
@@ -182,14 +186,14 @@ def _nodes_of(
     """How many nodes there are, and who reads their offsets (T', K, 3) off a body's frames.
 
     A node sits at a vertex, which takes all of it and nothing of the others: what the skin does
-    there, before any gain and without a person's constant, is the node's offset.
+    there, before any gain and without a person's constant, is the node's offset. Gains are in the
+    interpolation, or, where strain limits them, in an array of their own.
     """
-    plus = _plus(moving.trained)
-    nodes, gain = plus.nodes, moving.gain
-    interpolation = Interpolation(
-        nodes.owners, (nodes.shares * gain).astype(np.float32), len(nodes)
-    )
-    constant_m = plus.constant_m(moving.motion.betas)
+    nodes, gains = _plus(moving.trained).nodes, moving.gains
+    gain, fading = (1.0, gains.shares) if gains.limited else (gains.unlimited, None)
+    shares = (nodes.shares * gain).astype(np.float32)
+    interpolation = Interpolation(nodes.owners, shares, len(nodes), fading)
+    constant_m = _plus(moving.trained).constant_m(moving.motion.betas)
     if constant_m is not None and constant_m.any():
         writer.put("constant", (constant_m * gain).astype(np.float32), "m")
     else:

@@ -30,7 +30,8 @@ from bridge.motion.motion_checks import motion_warnings
 from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.onnx.body_graph import bone_weights
 from dsnet.onnx.plus_graph import plus_graph, plus_layout
-from dsnet.prediction.controls import gains_of_parts, root_joint_m
+from dsnet.prediction.controls import root_joint_m
+from dsnet.prediction.gains import LARGEST_STRAIN, gains_of_parts
 from dsnet.prediction.loops import Loop, close_loop
 from dsnet.prediction.models import PlusModel
 from dsnet.prediction.moving_body import MovingBody, pose_on
@@ -142,6 +143,7 @@ class Scene:
             "vertices": body.vertex_count,
             "parts": PARTS,
             "part_weights": _text(part_weights(body).T, "<f4"),
+            "largest_strain": LARGEST_STRAIN,
             "most_frames": MOST_FRAMES,
             "start": {
                 "gain": controls.get("gain", 1.0),

@@ -1,4 +1,5 @@
 // A body's surface: skinning and normals; and decoding of base64.
+import { Gains } from "./strain.js";
 
 export function bytesOf(base64) {
   const binary = atob(base64), bytes = new Uint8Array(binary.length);
@@ -15,11 +16,13 @@ export class Body {
     this.boneOf = bytesOf(scene.bone_of);
     this.weight = numbersOf(scene.bone_weight, Float32Array);
     this.each = this.weight.length / this.count;
+    this.gains = new Gains(scene, this.faces, numbersOf(scene.part_weights, Float32Array));
   }
 
-  // rest and offsets (3, V), gains (V) or null, bones (12, N) to positions (V, 3), metres; sizes (V),
+  // rest and offsets (3, V), gains of parts or null, bones (12, N) to positions (V, 3), metres; sizes (V),
   // if given, get the lengths of the offsets.
-  skin(rest, offsets, gains, bones, positions, sizes) {
+  skin(rest, offsets, ofParts, bones, positions, sizes) {
+    const gains = offsets && ofParts ? this.gains.ofVertices(rest, offsets, ofParts) : null;
     const { count, each, boneOf, weight } = this, boneCount = bones.length / 12;
     const byBone = (this.own ??= new Float32Array(bones.length)); // the 12 numbers of a bone side by side
     for (let r = 0; r < 12; r++) for (let j = 0; j < boneCount; j++) byBone[j * 12 + r] = bones[r * boneCount + j];

@@ -5,7 +5,7 @@ export const state = {
   scene: null, body: null, stage: null, // main.js, once
   motion: null, betas: null, // motions.js
   dropped: null, // dropped.js: the motion of a dropped file
-  gains: null, // gains.js: one a vertex
+  gains: null, // gains.js: one a part
   epoch: 0, frames: new Map(), // motions.js makes all frames anew; frames.js requests them
   rows: [], full: {}, low: 0, // frames.js: results of the survey of the whole motion
   time: 0, playing: true, // clock.js: time in frames

@@ -18,13 +18,12 @@ from bridge.motion import Motion, pack_theta, unpack_theta
 from dsnet.cli import main
 from dsnet.prediction.controls import (
     Controls,
-    blended_gain,
     controlled_body,
-    gains_of_parts,
     leg_length_m,
     lowest_points_m,
     put_on_floor,
 )
+from dsnet.prediction.gains import Gains, gains_of_parts
 from dsnet.prediction.load_model import TrainedModel
 from dsnet.prediction.moving_body import MovingBody, place_motion
 from dsnet.prediction.prediction_files import predict_motion
@@ -79,21 +78,22 @@ def test_a_predictor_on_another_body_than_is_asked_for_is_refused(character, bou
 
 
 def test_gain_multiplies_the_skin_alone(character, bouncing):
-    one, two, none = (
+    one, half, none = (
         next(iter(controlled_body(character, bouncing, Controls(gain=gain))))
-        for gain in (1.0, 2.0, 0.0)
+        for gain in (1.0, 0.5, 0.0)
     )
-    np.testing.assert_allclose(two.offsets_m, 2 * one.offsets_m, rtol=1e-6)
+    np.testing.assert_array_equal(one.offsets_m, one.predicted_m)
+    np.testing.assert_array_equal(half.offsets_m, 0.5 * one.offsets_m)
     assert not none.offsets_m.any()
     np.testing.assert_allclose(
-        two.vertices_m - none.vertices_m, 2 * (one.vertices_m - none.vertices_m), atol=1e-6
+        half.vertices_m - none.vertices_m, (one.vertices_m - none.vertices_m) / 2, atol=1e-6
     )
 
 
 def test_the_gain_of_a_part_is_its_own(character):
     body = character.body
-    gain = blended_gain(body, 2.0, gains_of_parts(["belly=3", "arms=0", "hands=1"]))
-    assert isinstance(gain, np.ndarray)
+    asked = 2.0 * gains_of_parts(["belly=3", "arms=0", "hands=1"])
+    gain = Gains(body, np.zeros(10), asked).unlimited[:, 0]
     weights = part_weights(body)
     expected = {"belly": 6.0, "forearms": 0.0, "hands": 2.0, "thighs": 2.0}
     for part, value in expected.items():
@@ -110,8 +110,12 @@ def test_gains_of_parts_move_them_alone(character, bouncing):
         controlled(character, bouncing, part_gain=("belly=2",)),
     )
     belly = part_weights(character.body)[:, PARTS.index("belly")]
-    np.testing.assert_allclose(more, plain * (1 + belly[:, None]), atol=1e-6)
-    assert np.abs(more - plain).max() > 1e-3
+    np.testing.assert_array_equal(more[:, belly == 0], plain[:, belly == 0])
+    inside = plain[:, belly > 0.999]
+    gain = np.einsum("tvx,tvx->t", more[:, belly > 0.999], inside) / np.square(inside).sum((1, 2))
+    np.testing.assert_allclose(more[:, belly > 0.999], gain[:, None, None] * inside, atol=1e-6)
+    assert gain.min() > 1.0
+    assert gain.max() <= 2.0 + 1e-6
 
 
 def test_a_loop_gives_one_lap_that_follows_on_itself(character, bouncing, capsys):
