@@ -52,8 +52,8 @@ _SAME_FRAME_DEG = 5.0
 _STRAIGHT = 0.05
 """Of knees, the mean sine of the bend times how much forwards they point."""
 _UPRIGHT = {
-    ("x", 1): ("z", 90), ("x", -1): ("z", -90), ("y", 1): ("x", 0),
-    ("y", -1): ("z", 180), ("z", 1): ("x", -90), ("z", -1): ("x", 90),
+    "x": ("z", 90), "-x": ("z", -90), "y": ("x", 0), "-y": ("z", 180), "z": ("x", -90),
+    "-z": ("x", 90),
 }  # fmt: skip
 """Axis and degrees that bring a vertical to y and leave the heading as it is."""
 _LINES = {
@@ -227,7 +227,7 @@ def standing_direction(places: Places) -> NDArray[np.float64]:
 
 def upright_turn(axis: str, sign: int) -> NDArray[np.float64]:
     """(3, 3) that brings a vertical to y and leaves the heading as it is."""
-    about, degrees = _UPRIGHT[axis, sign]
+    about, degrees = _UPRIGHT[_called((axis, sign))]
     return Rotation.from_euler(about, degrees, degrees=True).as_matrix().round(12)
 
 

@@ -46,6 +46,19 @@ _OF_THE_MIDDLE = {
 _PART = "jnt|joint|jt|bone|bn|bind|skin|def|drv|env"
 """In names of rigs: what a joint is for, and not which it is."""
 _SIDE_ENDS = "(?:f|ft|t|gt|ght)?"
+_PLAIN = [
+    (re.compile(part), put)
+    for part, put in (
+        (rf"(?:^|[_. -]+)(?:{_PART})(?=$|[_. -])", ""),
+        (r"^[_. -]+|[_. -]+$", ""),
+        (r"^(?:c|m|center|centre)[_. ]", ""),
+        (rf"^(l|r){_SIDE_ENDS}[_. -]", r"\1"),
+        (rf"^(?:(.+)[._ -](l|r){_SIDE_ENDS}|(.+?)[._ -]?(left|right))$", r"\2\4\1\3"),
+        (r"[^a-z0-9]", ""),
+        (r"^(l|r)(?:eft|ight)", r"\1"),
+    )
+]
+"""What becomes of a name in small letters, one after another."""
 _SPINE = ("spine1", "spine2", "spine3")
 _MAY_LACK = {"collar", "foot", "head", "neck", *_SPINE}
 _SHARED = 0.8
@@ -212,14 +225,10 @@ def plain_names(names: tuple[str, ...]) -> list[str]:
 
 
 def _plain(name: str) -> str:
-    name = re.sub(rf"(?:^|[_. -]+)(?:{_PART})(?=$|[_. -])", "", name, flags=re.IGNORECASE)
-    name = name.strip("_. -")
-    name = re.sub(r"^(?:c|m|center|centre)[_. ]", "", name, flags=re.IGNORECASE)
-    name = re.sub(rf"^(l|r){_SIDE_ENDS}[_. -]", r"\1", name, flags=re.IGNORECASE)
-    of_side = rf"(.+)[._ -](l|r){_SIDE_ENDS}|(.+?)[._ -]?(left|right)"
-    if match := re.fullmatch(of_side, name, re.IGNORECASE):
-        name = (match[2] or match[4]) + (match[1] or match[3])
-    return re.sub(r"^(l|r)(eft|ight)", r"\1", re.sub(r"[^a-z0-9]", "", name.lower()))
+    name = name.lower()
+    for pattern, put in _PLAIN:
+        name = pattern.sub(put, name)
+    return name
 
 
 def _by_place(skeleton: SkeletonMotion, joints: dict[str, int]) -> None:

@@ -38,6 +38,7 @@ from dsnet.prediction.moving_body import MovingBody, pose_on
 from dsnet.prediction.shape_space import PELVIS_M
 from dsnet.prediction.shapes import SHAPES, find_shape
 from dsnet.view.clip_list import TRUTH, Clip, ClipList
+from dsnet.view.skeleton_rules import skeleton_rules
 
 BUNDLE = Path(str(resources.files("dsnet.view"))) / "bundle"
 """Folder that `web/` is built into: the page, and the WebAssembly of ONNX Runtime."""
@@ -84,6 +85,7 @@ class Scene:
                 "runtime": (BUNDLE / "runtime.wasm.gz").read_bytes,
                 "model": lambda: plus_graph(plus, self.body, in_parts=True).SerializeToString(),
                 "shapes": self._shapes,
+                "rules": skeleton_rules,
             }
         for number in range(len(self._clips)):
             self._offer(number)

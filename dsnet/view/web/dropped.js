@@ -1,6 +1,8 @@
 // A motion file of one's own: dropped onto the page, or chosen. Python reads it where it serves the
-// page; a page from a disk reads AMASS's kind itself.
+// page; a page from a disk reads AMASS's kind and BVH itself.
 import { GENDERS, readAmass } from "./amass.js";
+import { json } from "./assets.js";
+import { readBvh } from "./bvh.js";
 import { $, say } from "./dom.js";
 import { choose, showOwner } from "./motions.js";
 import { sendFile } from "./reading.js";
@@ -20,10 +22,14 @@ async function openFile(file) {
   }
 }
 
+export async function readBytes(bytes, name, mostFrames) {
+  return /\.bvh$/i.test(name) ? readBvh(bytes, await json("rules"), mostFrames) : readAmass(bytes, mostFrames);
+}
+
 async function readFile(file) {
   const { scene } = state;
   if (scene.baked) throw new Error("this page holds no model, only what was baked into it: dsnet view --motion FILE");
-  const read = readAmass(new Uint8Array(await file.arrayBuffer()), scene.most_frames);
+  const read = await readBytes(new Uint8Array(await file.arrayBuffer()), file.name, scene.most_frames);
   const isOther = read.gender !== scene.gender && [read.gender, scene.gender].every((one) => GENDERS.includes(one));
   if ((!read.embedded || isOther) && read.betas.some((beta) => beta !== 0)) {
     const origin = read.embedded ? `a ${read.gender} body's, the body is ${scene.gender}` : "another body model's";

@@ -1,11 +1,10 @@
 // The page: its model, its stage and its controls.
-import { readAmass } from "./amass.js";
 import { asset, json } from "./assets.js";
 import { Body } from "./body.js";
 import { play, seek, turn } from "./clock.js";
 import { controls } from "./controls.js";
 import { $, say } from "./dom.js";
-import { dropControls } from "./dropped.js";
+import { dropControls, readBytes } from "./dropped.js";
 import { exportControls } from "./exports.js";
 import { surveyed } from "./frames.js";
 import { gainControls } from "./gains.js";
@@ -39,7 +38,7 @@ async function main() {
 
 // For tests and measurements.
 window.page = {
-  seek, readAmass, person, play,
+  seek, readBytes, person, play,
   get time() { return state.time; }, get betas() { return state.betas; }, get frames() { return state.frames; }, get motion() { return state.motion; }, get stage() { return state.stage; }, get curves() { return state.rows; },
 };
 

@@ -173,6 +173,14 @@ def predicted_m(motion: str | Path, body: str | None = None, **controls: Any) ->
     return np.concatenate([piece.vertices_m for piece in moving])
 
 
+def read_by_page(shown: Shown, path: Path) -> dict[str, Any]:
+    """What a page from a disk makes of a file; `refused` is its line if that is none."""
+    read = """([text, name]) => page.readBytes(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)), name)
+                .then((found) => ({ ...found, theta: [...found.theta] }),
+                      ({ message }) => ({ refused: message }))"""  # noqa: E501
+    return shown.page.evaluate(read, [base64.b64encode(path.read_bytes()).decode(), path.name])
+
+
 def dropped(shown: Shown, path: Path) -> str:
     """What the page says of a file."""
     shown.page.evaluate("document.getElementById('says').textContent = ''")

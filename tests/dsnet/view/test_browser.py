@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +20,17 @@ from dsnet.prediction.controls import root_joint_m
 from dsnet.view.clip_list import open_clip_list
 from dsnet.view.scene import STEP_M, Scene
 from tests.dsnet.view.conftest import JUMP
-from tests.dsnet.view.pages import BETAS, TORN, Shown, dropped, on_disk, packaged, serve, served
+from tests.dsnet.view.pages import (
+    BETAS,
+    TORN,
+    Shown,
+    dropped,
+    on_disk,
+    packaged,
+    read_by_page,
+    serve,
+    served,
+)
 from tests.forged.amass import smplh
 from tools.headless_chromium import open_page, why_missing
 
@@ -192,18 +201,11 @@ def test_a_file_is_read_as_python_reads_it(file, tmp_path, rate, up):
     if up == "y":
         arrays |= y_up(arrays)
     np.savez_compressed(tmp_path / "a.npz", **arrays)
-    found, expected = _read(file, tmp_path / "a.npz"), load_motion(tmp_path / "a.npz")
+    found, expected = read_by_page(file, tmp_path / "a.npz"), load_motion(tmp_path / "a.npz")
     np.testing.assert_allclose(np.reshape(found["theta"], (-1, 69)), expected.theta, atol=1e-12)
     np.testing.assert_array_equal(found["betas"], expected.betas)
     assert found["gender"] == expected.gender
     assert ("y up" in " ".join(found["says"])) == (up == "y")
-
-
-def _read(shown: Shown, path: Path) -> dict[str, Any]:
-    """What the page makes of a file."""
-    read = """(text) => { const found = page.readAmass(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)));
-              return { ...found, theta: [...found.theta] }; }"""  # noqa: E501
-    return shown.page.evaluate(read, base64.b64encode(path.read_bytes()).decode())
 
 
 @pytest.mark.parametrize(
@@ -222,7 +224,7 @@ def _read(shown: Shown, path: Path) -> dict[str, Any]:
 )
 def test_what_a_file_says_is_taken_as_python_takes_it(file, tmp_path, changed, words):
     np.savez_compressed(tmp_path / "a.npz", **{**smplh(), **changed})
-    found, expected = _read(file, tmp_path / "a.npz"), load_motion(tmp_path / "a.npz")
+    found, expected = read_by_page(file, tmp_path / "a.npz"), load_motion(tmp_path / "a.npz")
     assert found["gender"] == expected.gender
     np.testing.assert_array_equal(found["betas"], expected.betas)
     assert found["frames"] == len(expected.theta)
@@ -301,12 +303,13 @@ def test_a_hostile_file_is_one_line_and_what_played_plays_on(file, tmp_path, wor
 
 
 @pytest.mark.parametrize(
-    ("bytes_", "words"),
-    [(b"HIERARCHY\n", "need Python"), (b"PK\x03\x04broken", "damaged"), (b"", "no .npz")],
-)
-def test_what_is_no_npz_is_one_line(file, tmp_path, bytes_, words):
-    (tmp_path / "a.bvh").write_bytes(bytes_)
-    assert words in dropped(file, tmp_path / "a.bvh")
+    ("name", "bytes_", "words"),
+    [("a.glb", b"glTF", "need Python"), ("a.npz", b"PK\x03\x04broken", "damaged"),
+     ("a.npz", b"", "no .npz"), ("a.bvh", b"HIERARCHY\n", "no line MOTION")],
+)  # fmt: skip
+def test_what_is_no_motion_is_one_line(file, tmp_path, name, bytes_, words):
+    (tmp_path / name).write_bytes(bytes_)
+    assert words in dropped(file, tmp_path / name)
 
 
 _FAILS_ONCE = """const send = Worker.prototype.postMessage;
