@@ -18,19 +18,12 @@ from bridge.motion.resampling import load_motion
 from bridge.runs import read_artifact
 from dsnet.synthetic import stage_corpus as stage
 from dsnet.synthetic.corpus_motions import CorpusMotions
+from tests.dsnet.synthetic.test_stage_corpus import TINY as TINY_STAGE
 from tests.forged.amass import load_amass_motion, save, shape, smplh
 from tests.forged.bvh import Skeleton, text, world_of
 from tests.forged.lively import lively
 
-TINY = stage.CorpusConfig(
-    run="tiny",
-    subjects=1,
-    motions=("one_leg_jump",),
-    mean_frames=66,
-    mosh_motions=(),
-    retakes=0,
-    crossing="rotating",
-)
+TINY = replace(TINY_STAGE, mosh_motions=(), retakes=0)
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
 
 
@@ -94,32 +87,28 @@ def test_what_is_too_short_is_left_out_with_a_line(amass, capsys):
     assert "short_poses.npz: left out; shorter than 1 s" in capsys.readouterr().err
 
 
-def test_a_rate_in_place_of_the_files_is_the_takes_and_in_its_name(amass, tmp_path):
-    (known, _) = stage.plan_of(
-        replace(TINY, amass=amass, amass_seconds=1.2, amass_fps=40.0)
-    ).held_out
-    assert known.name == "50004_amass_leg_throw_at_40_hz"
-    assert (known.source_fps, known.frame_count) == (40.0, 49)
-    motions = CorpusMotions(load_body_model("embedded:female"), seed=0)
-    motions.write_amass(tmp_path / "slow.npz", known)
-    slow = load_amass_motion(tmp_path / "slow.npz", fps=40.0)
-    assert known.source is not None
-    own = load_amass_motion(known.source, fps=120.0)
-    assert slow.source_fps == 40.0
-    np.testing.assert_allclose(slow.theta[:, 3:66], own.theta[:49, 3:66], atol=1e-5)
-
-
-@pytest.mark.parametrize(("smooth_hz", "suffix"), [(8.0, "smoothed_8_hz"), ("auto", "smoothed")])
-def test_noise_is_left_out_of_the_takes_and_their_names_say_so(amass, tmp_path, smooth_hz, suffix):
-    config = replace(TINY, amass=amass, amass_seconds=1.2, amass_smooth_hz=smooth_hz)
-    (known, _) = stage.plan_of(config).held_out
+@pytest.mark.parametrize(
+    ("asked", "suffix", "source_fps"),
+    [
+        ({"amass_fps": 40.0}, "at_40_hz", 40.0),
+        ({"amass_smooth_hz": 8.0}, "smoothed_8_hz", 120.0),
+        ({"amass_smooth_hz": "auto"}, "smoothed", 120.0),
+    ],
+)
+def test_another_rate_and_smoothing_are_the_takes_and_in_its_name(
+    amass, tmp_path, asked, suffix, source_fps
+):
+    known, _ = stage.plan_of(replace(TINY, amass=amass, amass_seconds=1.2, **asked)).held_out
     assert known.name == f"50004_amass_leg_throw_{suffix}"
+    assert known.source_fps == source_fps
     motions = CorpusMotions(load_body_model("embedded:female"), seed=0)
-    motions.write_amass(tmp_path / "still.npz", known)
+    motions.write_amass(tmp_path / "take.npz", known)
     assert known.source is not None
-    still = load_amass_motion(tmp_path / "still.npz").theta
-    own = load_motion(known.source, smooth_hz=smooth_hz).theta[: len(still)]
-    np.testing.assert_allclose(still[:, 3:66], own[:, 3:66], atol=1e-4)
+    fps, smooth_hz = asked.get("amass_fps"), asked.get("amass_smooth_hz")
+    made = load_motion(tmp_path / "take.npz", fps)
+    own = load_motion(known.source, fps, smooth_hz=smooth_hz)
+    assert made.source_fps == source_fps
+    np.testing.assert_allclose(made.theta[:, 3:66], own.theta[: len(made.theta), 3:66], atol=1e-4)
 
 
 def test_a_real_motion_that_falls_as_nobody_can_is_taken_with_a_line(tmp_path, capsys):
