@@ -1,4 +1,7 @@
-"""The network put together: all of its gradients are right; and Adam."""
+"""The network put together: all of its gradients are right; and what training keeps.
+
+What a step of Adam gives, and statistics: `tests/dsnet/verify/test_agreement.py`.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bridge.exchange.weights import KERAS_ADAM, TORCH_ADAM
+from bridge.exchange.weights import TORCH_ADAM
 from dsnet.verify.reference import dsnet
 from dsnet.verify.reference.layers import Arrays
 
@@ -52,65 +55,21 @@ def test_gradients_of_every_parameter(weights, masked):
         assert_allclose((gradient * direction).sum(), found, rtol=1e-6, atol=1e-8, err_msg=name)
 
 
-def test_padding_counts_unless_it_is_masked(weights):
-    """Noise in the padding changes the faithful loss and statistics, not the masked ones'."""
-    for masked in (False, True):
-        clips, real = batch(), REAL if masked else None
-        noisy = [array + ~REAL[..., None] for array in clips]
-        before, after = (
-            dsnet.learn(weights, *clips, real=real),
-            dsnet.learn(weights, *noisy, real=real),
-        )
-        assert (before.loss == after.loss) == masked
-        name = "batch_norm/moving_mean"
-        assert np.array_equal(before.statistics[name], after.statistics[name]) == masked
-
-
-def test_running_statistics_move_a_hundredth(weights):
-    hidden = dsnet.predict(weights, batch()[0])["lstm"]
-    moved = dsnet.learn(weights, *batch()).statistics
-    for name, seen in (("mean", hidden.mean((0, 1))), ("variance", hidden.var((0, 1)))):
-        before = weights[f"batch_norm/moving_{name}"]
-        assert_allclose(moved[f"batch_norm/moving_{name}"], 0.99 * before + 0.01 * seen)
-
-
-@pytest.mark.parametrize(
-    ("rule", "denominator"),
-    [(TORCH_ADAM, lambda g: abs(g) + 1e-8), (KERAS_ADAM, lambda g: abs(g) + 1e-7 / 0.001**0.5)],
-)
-def test_first_step(rule, denominator):
-    """m and v are bias-corrected to g and g^2; Keras's epsilon is magnified by the correction."""
-    gradient = np.array([1e-9, -1e-6, 3.0])
-    zero = {"w": np.zeros(3)}
-    weights, first, second = dsnet.adam_step(rule, 1, zero, {"w": gradient}, zero, zero)
-    assert_allclose(weights["w"], -1e-4 * gradient / denominator(gradient), rtol=1e-10)
-    assert_allclose(first["w"], 0.1 * gradient, rtol=1e-12)
-    assert_allclose(second["w"], 0.001 * gradient**2, rtol=1e-10)
-
-
 def test_training_on_a_bowl():
     """Loss w^2 / 2: names of what is kept, statistics moved once a step, losses before steps."""
+    start = {"w": np.ones(2), "count": np.zeros(1)}
 
     def bowl(weights: dict[str, np.ndarray]) -> dsnet.Pass:
         w = weights["w"]
         return dsnet.Pass(float(w @ w) / 2, {"w": w}, {"count": weights["count"] + 1}, {})
 
-    kept = dsnet.train({"w": np.ones(2), "count": np.zeros(1)}, bowl, TORCH_ADAM, [1, 10])
-    assert list(kept) == [
-        "loss",
-        "grad/w",
-        *(
-            f"step_{n}/{name}"
-            for n in (1, 10)
-            for name in ("weight/w", "weight/count", "adam_m/w", "adam_v/w")
-        ),
-        "losses",
-    ]
+    kept = dsnet.train(start, bowl, TORCH_ADAM, [1, 10])
+    of_step = ("weight/w", "weight/count", "adam_m/w", "adam_v/w")
+    steps = [f"step_{n}/{name}" for n in (1, 10) for name in of_step]
+    assert list(kept) == ["loss", "grad/w", *steps, "losses"]
     assert kept["step_1/weight/count"] == 1
     assert kept["step_10/weight/count"] == 10
     assert len(kept["losses"]) == 10
     assert kept["losses"][0] == kept["loss"] == 1.0
     assert_allclose(kept["step_10/weight/w"], 1 - 10 * 1e-4, atol=1e-6)
-    assert "losses" not in dsnet.train(
-        {"w": np.ones(2), "count": np.zeros(1)}, bowl, TORCH_ADAM, []
-    )
+    assert "losses" not in dsnet.train(start, bowl, TORCH_ADAM, [])

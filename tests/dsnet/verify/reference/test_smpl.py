@@ -24,7 +24,7 @@ def draw(joints: int, angle: float, seed: int = 0) -> dict[str, np.ndarray]:
     }
 
 
-@pytest.mark.parametrize(("joints", "angle"), [(24, 0.7), (22, np.pi), (24, 1e-5)])
+@pytest.mark.parametrize(("joints", "angle"), [(24, 0.7), (22, np.pi), (24, 1e-5), (24, 0.0)])
 def test_gradient(body, joints, angle):
     """Along random directions, one argument at a time; at 0 and at pi as well."""
     given, rng = draw(joints, angle), np.random.default_rng(1)
@@ -39,12 +39,6 @@ def test_gradient(body, joints, angle):
 
         found = (scalar(1e-5) - scalar(-1e-5)) / 2e-5
         assert_allclose((gradient[name] * direction).sum(), found, rtol=1e-6, atol=1e-5)
-
-
-def test_gradient_at_rest_is_finite(body):
-    given = draw(24, 0.0)
-    gradient = smpl.gradient(body, given, np.ones((2, 6890, 3)))
-    assert all(np.isfinite(array).all() for array in gradient.values())
 
 
 @pytest.mark.parametrize(("joints", "angle"), [(24, 0.7), (24, np.pi), (22, 11.0), (24, 0.0)])
