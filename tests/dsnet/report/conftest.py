@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from bridge.body import load_body_model
 from bridge.exchange import save_weights
 from bridge.motion import MotionSequence
 from bridge.runs import ArtifactWriter, Run
+from dsnet.report import stage_report
 from tests.forged.artifacts import put
 
 ALIGNED = [
@@ -162,6 +165,27 @@ def forged_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     runs = tmp_path_factory.mktemp("runs")
     forge_run(runs / "forged")
     return runs
+
+
+@pytest.fixture
+def copied(
+    forged_runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Run]:
+    """Copy that run, without some of its stages, into a folder `runs/` of the test's own."""
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
+
+    def copy(name: str, *without: str) -> Run:
+        ignored = shutil.ignore_patterns("evaluate", "report", *without)
+        shutil.copytree(forged_runs / "forged", tmp_path / "runs" / name, ignore=ignored)
+        return Run(name)
+
+    return copy
+
+
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report that draws nothing: figures take seconds."""
+    monkeypatch.setattr(stage_report, "plan_figures", lambda scene: [])
 
 
 @pytest.fixture

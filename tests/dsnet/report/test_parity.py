@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import shutil
-from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -33,18 +32,14 @@ PARITY = {
 }
 
 
-STAGES: list[str] = ["align", "evaluate"]
-
-
-@pytest.fixture
-def verify(tmp_path: Path) -> Artifact:
-    writer = ArtifactWriter(tmp_path / "verify", "verify", data="synthetic")
+def verified(run: Run, **finished: Any) -> Artifact:
+    writer = ArtifactWriter(run.path / "verify", "verify", data="synthetic")
     writer.file_path("parity.json").write_text(json.dumps(PARITY))
-    return writer.finish()
+    return writer.finish(**finished)
 
 
-def test_the_largest_differences_of_each_engine(verify):
-    found = verification({"verify": verify})
+def test_the_largest_differences_of_each_engine(copied):
+    found = verification({"verify": verified(copied("r"))})
     assert found is not None
     assert (found["rows"], found["held"]) == (5, 3)
     assert found["forward_only"] == ["keras"]
@@ -57,32 +52,18 @@ def test_a_run_that_was_not_verified_says_nothing():
     assert verification({}) is None
 
 
-def test_the_page_shows_the_table_and_what_failed(forged, verify, tmp_path, monkeypatch):
-    run = tmp_path / "runs" / "verified"
-    shutil.copytree(forged.path, run)
-    shutil.copytree(verify.path, run / "verify", dirs_exist_ok=True)
-    monkeypatch.setenv("DSNET_RUNS", str(run.parent))
-    monkeypatch.setattr(stage_report, "plan_figures", lambda scene: [])
-    evaluate_run(Run("verified"))
-    stage_report.main(stage_report.ReportConfig(run="verified"))
-    page = (run / "report" / "report.md").read_text()
+@pytest.mark.usefixtures("no_figures")
+def test_the_page_shows_the_table_and_what_failed_but_no_older_table(copied, capsys):
+    run, told = copied("r"), []
+    evaluate_run(run)
+    for finished in ({}, {"upstream": {"train": "0" * 64}}):
+        verified(run, **finished)
+        stage_report.main(stage_report.ReportConfig(run="r"))
+        told.append(((run.path / "report" / "report.md").read_text(), capsys.readouterr().err))
+    (page, _), (without, said) = told
     assert "**3 of 5 rows hold**" in page
     assert "| torch 2.0 | float64 | 1e-15 | 1e-13 |" in page
     assert "| keras 3.0 | float32 | 2e-01 | - |" in page
     assert "- keras: layer lstm" in page
-
-
-def test_an_older_table_is_left_out_and_the_report_made(
-    forged, verify, tmp_path, monkeypatch, capsys
-):
-    run = tmp_path / "runs" / "older"
-    shutil.copytree(forged.path, run)
-    writer = ArtifactWriter(run / "verify", "verify", data="synthetic")
-    writer.file_path("parity.json").write_text(json.dumps(PARITY))
-    writer.finish(upstream={"train": "0" * 64})
-    monkeypatch.setenv("DSNET_RUNS", str(run.parent))
-    monkeypatch.setattr(stage_report, "plan_figures", lambda scene: [])
-    evaluate_run(Run("older"))
-    stage_report.main(stage_report.ReportConfig(run="older"))
-    assert "verify" in capsys.readouterr().err
-    assert "rows hold" not in (run / "report" / "report.md").read_text()
+    assert "verify" in said
+    assert "rows hold" not in without

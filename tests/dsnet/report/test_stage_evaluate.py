@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -206,13 +204,10 @@ def test_alignment_is_judged_by_the_truth(evaluated):
     np.testing.assert_allclose(whole["absorbed"], absorbed, rtol=1e-9)
 
 
-def test_licensed_runs_have_no_truth(forged_runs, tmp_path, monkeypatch):
-    runs = tmp_path / "runs"
-    shutil.copytree(forged_runs / "forged", runs / "bare", ignore=shutil.ignore_patterns("truth"))
-    shutil.rmtree(runs / "bare" / "evaluate", ignore_errors=True)
-    monkeypatch.setenv("DSNET_RUNS", str(runs))
-    evaluate_run(Run("bare"))
-    manifest = Run("bare").artifact("evaluate").manifest
+def test_licensed_runs_have_no_truth(copied):
+    bare = copied("bare", "truth")
+    evaluate_run(bare)
+    manifest = bare.artifact("evaluate").manifest
     assert set(manifest["alignments"]["align"]) == {"frame_error_mm"}
     assert set(manifest["cells"]) == {"validation", "train"}
     assert manifest["per_sequence"][-1]["errors"] == {}

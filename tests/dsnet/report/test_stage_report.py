@@ -40,8 +40,8 @@ TINY = stage_report.ReportConfig(run="both", panel_px=48)
 @pytest.fixture(scope="module")
 def folder(forged_runs, tmp_path_factory):
     runs = tmp_path_factory.mktemp("runs")
-    ignored = shutil.ignore_patterns("evaluate", "report")
-    shutil.copytree(forged_runs / "forged", runs / "both", ignore=ignored)
+    later = shutil.ignore_patterns("evaluate", "report")
+    shutil.copytree(forged_runs / "forged", runs / "both", ignore=later)
     write_best_pipeline(runs / "both")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSNET_RUNS", str(runs))
@@ -149,11 +149,8 @@ def test_without_an_encoder_the_report_moves_all_the_same(folder, tmp_path, monk
 
 def test_results_hold_the_numbers(folder):
     results = json.loads((folder / "results.json").read_text())
-    assert results["parameters"] == {
-        "autoencoder": 33_626_606,
-        "dsnet": 65_140,
-        "casas_otaduy": 284_678_770,
-    }
+    counts = {"autoencoder": 33_626_606, "dsnet": 65_140, "casas_otaduy": 284_678_770}
+    assert results["parameters"] == counts
     (held_out,) = (one for one in results["sequences"] if one["split"] == "validation")
     assert held_out["name"] == "50004_one_leg_jump"
     assert 0.5 < held_out["errors"]["dsnet_small"]["mesh"]["r2"] < 1.0
@@ -256,15 +253,12 @@ def test_the_page_names_law_form_gravity_and_bodies(folder):
     assert bed in (folder / "report.md").read_text()
 
     def capture(results):
-        results["test_bed"] = {
-            "tissue": "second", "form": "captured", "gravity": False, "gender": "male"
-        }  # fmt: skip
-        for errors in results["cells"]["new_person_unseen_motion"].values():
-            if "mesh" not in errors:
-                continue
-            errors["moving"] = {**errors["mesh"], "r2": 0.81}
-        plus = results["cells"]["new_person_unseen_motion"]["dsnet_plus"]
-        plus["static"] = {**plus["offsets"], "r2": 0.72}
+        bed = {"tissue": "second", "form": "captured", "gravity": False, "gender": "male"}
+        results["test_bed"], cell = bed, results["cells"]["new_person_unseen_motion"]
+        for errors in cell.values():
+            if "mesh" in errors:
+                errors["moving"] = {**errors["mesh"], "r2": 0.81}
+        cell["dsnet_plus"]["static"] = {**cell["dsnet_plus"]["offsets"], "r2": 0.72}
 
     page = page_of(folder, capture)
     assert "law `second`, form `captured`, without gravity, male bodies." in page
@@ -325,35 +319,27 @@ def test_an_autoencoder_that_learned_nothing_is_called_so(folder):
     assert "**the code is nearly the initial linear one**" in page
 
 
-def test_a_licensed_run_has_a_report_without_truth(forged_runs, tmp_path, monkeypatch):
-    runs = tmp_path / "runs"
-    stages = shutil.ignore_patterns("truth", "evaluate", "report")
-    shutil.copytree(forged_runs / "forged", runs / "bare", ignore=stages)
-    monkeypatch.setenv("DSNET_RUNS", str(runs))
-    monkeypatch.setattr(stage_report, "plan_figures", lambda scene: [])
-    evaluate_run(Run("bare"))
+@pytest.mark.usefixtures("no_figures")
+def test_a_licensed_run_has_a_report_without_truth(copied):
+    bare = copied("bare", "truth")
+    evaluate_run(bare)
     stage_report.main(stage_report.ReportConfig(run="bare"))
-    page = (runs / "bare" / "report" / "report.md").read_text()
+    page = (bare.path / "report" / "report.md").read_text()
     assert "distance of SMPL from the mesh" in page
-    assert "true mesh" not in page
-    assert "true offsets" not in page
-    assert "body part" not in page
+    assert not {words for words in ("true mesh", "true offsets", "body part") if words in page}
 
 
 @pytest.mark.parametrize("own_alignment", [False, True])
-def test_the_best_pipeline_alone_has_a_report(own_alignment, forged_runs, tmp_path, monkeypatch):
+def test_the_best_pipeline_alone_has_a_report(own_alignment, copied, monkeypatch):
     """Without the paper's pipeline its tables and figures are left out."""
-    runs = tmp_path / "runs"
-    for stage in ("corpus", "truth", "align"):
-        shutil.copytree(forged_runs / "forged" / stage, runs / "best" / stage)
-    write_best_pipeline(runs / "best", own_alignment=own_alignment)
-    monkeypatch.setenv("DSNET_RUNS", str(runs))
-    monkeypatch.setattr(stage_report, "draw_figure7", lambda path, *_: path.write_bytes(b"x"))
-    monkeypatch.setattr(stage_report, "draw_figure1", lambda path, *_: path.write_bytes(b"x"))
-    evaluate_run(Run("best"))
+    best = copied("best", "encode", "infer", "decode", "train", "train-ae")
+    write_best_pipeline(best.path, own_alignment=own_alignment)
+    for figure in ("draw_figure1", "draw_figure7"):
+        monkeypatch.setattr(stage_report, figure, lambda path, *_: path.write_bytes(b"x"))
+    evaluate_run(best)
     stage_report.main(stage_report.ReportConfig(run="best"))
-    page = (runs / "best" / "report" / "report.md").read_text()
-    drawn = {path.stem for path in (runs / "best" / "report" / "figures").iterdir()}
+    page = (best.path / "report" / "report.md").read_text()
+    drawn = {path.stem for path in (best.path / "report" / "figures").iterdir()}
     assert drawn == {
         "figure1_strip", "figure2_alignment", "figure6_lengths", "figure7_validation",
         "figure8_error", "figure10_spine2", "over_time", "spectrum", "loss_plus", "held_out",
@@ -370,13 +356,11 @@ def test_a_second_report_makes_nothing(folder, monkeypatch):
     stage_report.main(TINY)
 
 
-def test_a_missing_stage_is_named(forged_runs, tmp_path, monkeypatch):
-    runs = tmp_path / "runs"
-    shutil.copytree(forged_runs / "forged" / "align", runs / "half" / "align")
-    monkeypatch.setenv("DSNET_RUNS", str(runs))
+def test_a_missing_stage_is_named(copied):
+    half = copied("half", "train-ae")
     with pytest.raises(DsnetError, match="dsnet train-ae --run half"):
         stage_report.main(stage_report.ReportConfig(run="half"))
-    assert not (runs / "half" / "report").exists()
+    assert not (half.path / "report").exists()
 
 
 def test_a_report_of_less_than_there_is_or_was_is_refused(folder, tmp_path, monkeypatch, capsys):
