@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -203,23 +204,19 @@ def test_the_last_iterate_may_be_the_fit(runs, config, expected):
     assert 1e-4 < np.abs(last["theta"] - expected[1]["theta"]).max() < 0.5
 
 
-def test_reads_the_runs_corpus_by_default(runs):
-    with pytest.raises(DsnetError, match="corpus"):
-        main(AlignConfig(run="missing"))
-
-
-def test_one_input_without_the_other(runs, config):
-    with pytest.raises(DsnetError, match=r"--smpl without --dyna.*the run's own corpus"):
-        main(dataclasses.replace(config, dyna=()))
-    with pytest.raises(DsnetError, match="--dyna without --smpl"):
-        main(dataclasses.replace(config, smpl=None))
-
-
-def test_missing_inputs_leave_nothing(runs, config, tmp_path):
-    with pytest.raises(DsnetError, match="no such file"):
-        main(dataclasses.replace(config, dyna=(tmp_path / "none.h5",)))
-    with pytest.raises(DsnetError, match="no such file"):
-        main(dataclasses.replace(config, smpl=tmp_path / "none.npz"))
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"smpl": None, "dyna": ()}, "corpus"),
+        ({"dyna": ()}, r"--smpl without --dyna.*the run's own corpus"),
+        ({"smpl": None}, "--dyna without --smpl"),
+        ({"dyna": (Path("none.h5"),)}, "no such file"),
+        ({"smpl": Path("none.npz")}, "no such file"),
+    ],
+)
+def test_inputs_that_are_not_there_or_alone_leave_nothing(runs, config, changes, said):
+    with pytest.raises(DsnetError, match=said):
+        main(dataclasses.replace(config, **changes))
     assert not runs.exists()
 
 

@@ -8,7 +8,6 @@ import torch
 
 from bridge import DsnetError
 from bridge.exchange import load_weights, save_weights
-from bridge.motion.splits import chunks
 from torch_align_ae.autoencoder.codes import (
     Codec,
     Normaliser,
@@ -120,13 +119,6 @@ def test_other_frames_do_not_enter(spread_m, name):
 def test_still_vertices_stay_finite(name):
     normaliser = fit_normaliser(name, np.zeros((4, 5, 3), np.float32), np.arange(4))
     assert torch.isfinite(normaliser.normalise(torch.zeros(1, 5, 3))).all()
-
-
-def test_chunks_keep_the_asked_order(spread_m):
-    frames = np.array([7, 3, 11, 0, 299])
-    np.testing.assert_array_equal(
-        np.concatenate(list(chunks(spread_m, frames, 2))), spread_m[frames]
-    )
 
 
 def _offsets(rng: np.random.Generator) -> np.ndarray:

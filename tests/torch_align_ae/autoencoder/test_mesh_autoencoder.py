@@ -12,7 +12,6 @@ from torch_align_ae import CasasOtaduyAutoencoder, MeshAutoencoder
 from torch_align_ae.autoencoder.mesh_autoencoder import (
     initialise_with_modes,
     parameter_count,
-    vertex_basis,
 )
 from torch_align_ae.autoencoder.stage_train_ae import parameter_counts
 
@@ -67,9 +66,14 @@ def test_a_foreign_topology_is_one_line():
         MeshAutoencoder(SMALL).encode(torch.zeros(2, 61, 3))
 
 
-def test_modes_begin_as_an_exactly_linear_code_of_the_leading_vertex_modes():
+@pytest.fixture
+def sample():
+    """(50, 60, 3) values whose first vertices move most."""
     generator = torch.Generator().manual_seed(1)
-    sample = torch.randn(50, 60, 3, generator=generator) * torch.linspace(3, 0.1, 60)[:, None]
+    return torch.randn(50, 60, 3, generator=generator) * torch.linspace(3, 0.1, 60)[:, None]
+
+
+def test_modes_begin_as_an_exactly_linear_code_of_the_leading_vertex_modes(sample):
     model = MeshAutoencoder(SMALL)
     initialise_with_modes(model, sample, seed=0)
     with torch.inference_mode():
@@ -83,9 +87,7 @@ def test_modes_begin_as_an_exactly_linear_code_of_the_leading_vertex_modes():
     np.testing.assert_allclose(latents.square().mean().sqrt(), 1, rtol=1e-5)
 
 
-def test_fewer_latents_begin_with_what_of_the_vertex_modes_has_most_energy():
-    generator = torch.Generator().manual_seed(1)
-    sample = torch.randn(50, 60, 3, generator=generator) * torch.linspace(3, 0.1, 60)[:, None]
+def test_fewer_latents_begin_with_what_of_the_vertex_modes_has_most_energy(sample):
     model = MeshAutoencoder(SMALL, latent_size=6)
     initialise_with_modes(model, sample, seed=0)
     left, _, _ = np.linalg.svd(sample.transpose(0, 1).flatten(1).double().numpy())
@@ -113,11 +115,3 @@ def test_modes_leave_no_weight_without_a_gradient_and_no_feature_a_copy(size):
         assert (parameter.grad != 0).all(), name
     weight = model.get_parameter("decoder.linear_1.weight")
     assert len(weight.unique(dim=1).T) == weight.shape[1]
-
-
-def test_vertex_basis_is_orthonormal():
-    generator = torch.Generator().manual_seed(0)
-    basis = vertex_basis(
-        torch.randn(30, 50, 3, generator=generator), count=8, size=20, generator=generator
-    )
-    np.testing.assert_allclose(basis.T @ basis, np.eye(20), atol=1e-5)

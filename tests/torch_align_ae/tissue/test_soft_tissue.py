@@ -194,23 +194,6 @@ def _downloaded(folder: Path) -> tuple[BodyModelData, Path]:
     return body, path
 
 
-def test_it_learns(plus: PlusModel) -> None:
-    """Steps down the gradient of the nodes' coefficients come nearer to softer tissue."""
-    layer, theta, betas = layer_of(plus, torch.float32), walks(20).float(), PEOPLE
-    with torch.no_grad():
-        layer.log_coefficients["omega"] -= 0.3
-        softer, _ = layer.at_nodes(theta, betas)
-        layer.log_coefficients["omega"] += 0.3
-    adam, losses = torch.optim.Adam(layer.log_coefficients.parameters(), 0.02), []
-    for _ in range(3):
-        adam.zero_grad()
-        loss = (layer.at_nodes(theta, betas)[0] - softer).square().sum()
-        loss.backward()
-        adam.step()
-        losses.append(loss.item())
-    assert losses[2] < losses[1] < losses[0]
-
-
 @pytest.mark.parametrize(
     ("theta", "betas"), [((2, 5, 72), (2, 10)), ((5, 69), (1, 10)), ((2, 5, 69), (1, 10))]
 )
