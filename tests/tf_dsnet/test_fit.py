@@ -121,26 +121,6 @@ def test_the_fast_layer_and_the_loss_are_saved_and_opened(clips, tmp_path):
     np.testing.assert_array_equal(opened(clips.inputs), network(clips.inputs))
 
 
-@pytest.mark.slow
-def test_the_fast_layer_stays_near_to_kerass(clips, trained):
-    start, _, _ = trained
-    ends = []
-    for layer in (keras.layers.LSTM, BlockLSTM):
-        trainer = Trainer(
-            clips,
-            lr=1e-3,
-            batch_size=4,
-            build=lambda layer=layer, **o: build_dsnet(lstm_layer=layer, **o),
-        )
-        assign_weights(trainer.model, start)
-        for number in range(30):
-            trainer.epoch(number)
-        ends.append(named_weights(trainer.model))
-    largest = max(np.abs(array).max() for array in ends[0].values())
-    for name, array in ends[0].items():
-        np.testing.assert_allclose(ends[1][name], array, atol=1e-4 * largest, err_msg=name)
-
-
 def test_the_pages_lines_train_a_run(encoded_run, tmp_path, monkeypatch):
     (block,) = [one for one in python_blocks("docs/deployment.md") if "compile" in one]
     monkeypatch.chdir(tmp_path)

@@ -43,19 +43,6 @@ def test_full_network_has_the_papers_parameters():
     assert KerasMeshAutoencoder().model.count_params() == 33_626_606
 
 
-def test_weights_have_pytorchs_names_order_and_shapes():
-    shapes = {name: array.shape for name, array in named_weights(small().model).items()}
-    assert list(shapes)[:6:2] == [
-        "encoder.linear_1.weight",
-        "encoder.linear_2.weight",
-        "encoder.conv_1.weight",
-    ]
-    assert shapes["encoder.linear_1.weight"] == (4, 3)
-    assert shapes["encoder.conv_1.weight"] == (24, 40, 1)
-    assert shapes["decoder.conv_4.weight"] == (40, 24, 1)
-    assert shapes["to_latent.weight"] == (100, 54)
-
-
 # Keras 3.15 copies TensorFlow's variables in a way that NumPy 2 has deprecated.
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")
 def test_the_keras_file_gives_every_bit_back(values, tmp_path):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
 from dsnet.verify.reference.oscillators import node_offsets
 from tests.forged.oscillating import clips_of, people_of, true_model
-from tf_dsnet.framework import Tensor, tf
+from tf_dsnet.framework import tf
 from tf_dsnet.oscillators import OscillatorLayer
 
 NODES, PEOPLE = 60, 3
@@ -79,62 +78,6 @@ def test_layer_is_the_sheet_for_several_people_at_once(body, nodes, taps, ahead)
     for column, rolled in enumerate(expected):
         assert np.abs(rolled).max() > 1e-3
         np.testing.assert_allclose(found[:, :, column], rolled[1:], atol=1e-5)
-
-
-class Sloped(NamedTuple):
-    """A layer's weights by name, a loss, and its gradient by each of them."""
-
-    weights: dict[str, Any]
-    loss: Callable[[], Tensor]
-    gradients: dict[str, np.ndarray]
-
-
-@pytest.fixture(scope="module")
-def sloped(body: BodyModelData, nodes: TissueNodes) -> Sloped:
-    """Nodes pull at each other hard, else a slope could lack what goes through them unnoticed."""
-    layer = drawn_layer(nodes, 3)
-    weights = named(layer)
-    weights["log_wave_speed"].assign([np.log(9.0)])
-    weights["log_bending"].assign([np.log(1.0)])
-    clips = clips_of(body, true_model(nodes, people_of(PEOPLE)), frames=30)
-    chosen = [clips[0], clips[5]]
-    starts = [clip.offsets_m[0] for clip in chosen]
-    given = inputs(body, nodes, chosen, starts, 12, 3, 1)
-
-    @tf.function
-    def loss() -> Tensor:
-        # Millimetres, so that the sum is of order one.
-        return tf.reduce_sum(tf.square(1e3 * layer(*given)), (0, 1, 2, 3)) / 1e3
-
-    with tf.GradientTape() as tape:
-        value = loss()
-    values = {name: weight.value for name, weight in weights.items()}
-    gradients = tape.gradient(value, values)
-    return Sloped(weights, loss, {name: np.asarray(part) for name, part in gradients.items()})
-
-
-@pytest.mark.parametrize(
-    "name",
-    ["log_omega", "log_damping_ratio", "log_stiffening", "log_sag", "log_normal_ratio",
-     "log_wave_speed", "log_bending", "stiffening_power", "log_inertia_gain", "log_gravity_gain",
-     "by_node_normal_ratio", "by_node_omega", "by_node_sag", "by_node_wave_speed",
-     "by_node_bending", "slopes", "residual", "taps"],
-)  # fmt: skip
-def test_gradient_is_the_slope_of_the_loss(sloped, name):
-    """All the way uphill, by a central difference whose step is large enough for float32."""
-    weight, gradient = sloped.weights[name], sloped.gradients[name]
-    assert np.isfinite(gradient).all()
-    direction = np.random.default_rng(1).choice([-1.0, 1.0], size=weight.shape)
-    direction = np.where(gradient == 0, direction, np.sign(gradient)).astype(np.float32)
-    start, step = weight.numpy(), 0.1 if name == "stiffening_power" else 3e-3
-    values = []
-    for side in (1, -1):
-        weight.assign(start + side * step * direction)
-        values.append(float(sloped.loss()))
-    weight.assign(start)
-    slope = (values[0] - values[1]) / (2 * step)
-    assert slope == pytest.approx(float((gradient * direction).sum()), rel=0.005)
-    assert slope > 0
 
 
 def test_what_all_people_share_is_nobodys_own(nodes):

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
-
 import numpy as np
-import pytest
 
-from benchmarks.claims import networks
 from benchmarks.claims.by_the_paper import ByThePaper
 from benchmarks.claims.looked_into import probe
-from benchmarks.claims.references import InComponents, ScoredMotion
 from benchmarks.plugin import predictors
 from benchmarks.systems.dsnet_variants import DsnetVariant
 from bridge.body import BodyModelData
 from bridge.exchange.dsnet import UnpaddedClip
 from bridge.exchange.train_options import PredictorSettings
-from bridge.motion.splits import CELLS
 from tf_dsnet.predictors import DsnetPredictor, TrainingData
 
 RNG = np.random.default_rng(0)
@@ -65,46 +58,3 @@ def test_by_the_paper_dsnet_is_the_runs_own(body, tmp_path) -> None:
     assert trained[0].keys() == trained[1].keys()
     for name, array in trained[0].items():
         np.testing.assert_array_equal(array, trained[1][name])
-
-
-class Data:
-    """Motions of one group, with codes."""
-
-    def __init__(self) -> None:
-        cells = ("validation", *CELLS)
-        self.tested = [
-            ScoredMotion(
-                f"{n}_{cell}", cell, RNG.normal(size=(90, 69)), RNG.normal(size=10),
-                InComponents(RNG.normal(size=(90, 100)), np.zeros(90), np.ones(90)),
-            )
-            for cell in cells
-            for n in range(2)
-        ]  # fmt: skip
-
-
-def test_a_killed_study_goes_on_after_the_systems_that_it_has(body, tmp_path, monkeypatch) -> None:
-    names = ("dsnet_pca", "dsnet_two_frames")
-    config = networks.NetworksConfig(tmp_path, reading="paper", systems=names, epochs=1)
-    path, data, training = tmp_path / "paper-0.json", Data(), data_of(body)
-    by_cell = networks.by_cell
-    budget: Iterator[int] = iter((1,))
-
-    def by_cell_once(*arguments):
-        if next(budget, None) is None:
-            raise KeyboardInterrupt
-        return by_cell(*arguments)
-
-    monkeypatch.setattr(networks, "by_cell", by_cell_once)
-    with pytest.raises(KeyboardInterrupt):
-        networks._study(config, data, training, 0, {}, path)  # pyright: ignore
-    kept = json.loads(path.read_text())
-    assert list(kept["systems"]) == ["dsnet_pca"]
-    assert kept["systems"]["dsnet_pca"]["rate"] == pytest.approx(1e-4)
-
-    kept["systems"]["dsnet_pca"]["r2"] = "kept"
-    monkeypatch.setattr(networks, "by_cell", by_cell)
-    networks._study(config, data, training, 0, kept, path)  # pyright: ignore
-    found = json.loads(path.read_text())
-    assert found["systems"]["dsnet_pca"]["r2"] == "kept"
-    assert set(found["systems"]["dsnet_two_frames"]["r2"]) == {one.cell for one in data.tested}
-    assert found["exchanged_betas"] == kept["exchanged_betas"]
