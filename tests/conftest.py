@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -61,6 +61,22 @@ def smoke_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     base = tmp_path_factory.getbasetemp()
     common = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
     return link_run(finished_runs(common), tmp_path_factory.mktemp("runs"))
+
+
+@pytest.fixture
+def refusal(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """What the command `dsnet` says of arguments that it refuses: one line, and status 2."""
+    from dsnet.cli import main
+
+    def run(*arguments: str) -> str:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            main([*arguments])
+        said = capsys.readouterr().err
+        assert (stopped.value.code, said.count("\n")) == (2, 1), said
+        return said
+
+    return run
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -10,9 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge import DsnetError
-from bridge.body import load_body_model
-from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
-from bridge.motion import Motion, pack_theta, unpack_theta
+from bridge.motion import Motion
 from bridge.runs import Run, read_artifact
 from bridge.tissue.trained_plus import NAME
 from dsnet.cli import main
@@ -20,8 +18,6 @@ from dsnet.prediction.controls import Controls, controlled_body
 from dsnet.prediction.load_model import PACKAGED, find_model, load_model, packaged_folder
 from dsnet.prediction.moving_body import MovingBody, place_motion
 from dsnet.prediction.prediction_files import predict_motion
-from tests.forged import bvh
-from tests.forged.amass import load_amass_motion
 from tests.forged.plus import write_plus
 
 
@@ -31,14 +27,10 @@ def both_pipelines(trained_run, flesh) -> Run:
     return trained_run
 
 
-def predicted(out: Path, motion: Path, *options: str) -> dict:
-    main(["predict", "--run", "r", "--motion", str(motion), "--out", str(out), *options])
-    return read_artifact(out, "prediction").manifest
-
-
 @pytest.mark.usefixtures("blank_strip", "both_pipelines")
 def test_the_best_of_both_pipelines_predicts_and_says_so(motion, tmp_path, capsys):
-    made = predicted(tmp_path / "out", motion)
+    main(["predict", "--run", "r", "--motion", str(motion), "--out", str(tmp_path / "out")])
+    made = read_artifact(tmp_path / "out", "prediction").manifest
     assert (made["predictor"], made["label"], made["why"]) == (NAME, "soft flesh", "the run's best")
     said = "dsnet: dsnet_plus (soft flesh) of run 'r' predicts with ONNX Runtime: the run's best\n"
     first, last = capsys.readouterr().err.splitlines(keepends=True)
@@ -48,22 +40,11 @@ def test_the_best_of_both_pipelines_predicts_and_says_so(motion, tmp_path, capsy
     assert set(made["arrays"]) == {"offsets", "vertices"}
 
 
-@pytest.mark.usefixtures("blank_strip", "both_pipelines")
-def test_another_is_taken_when_asked(motion, tmp_path, capsys):
-    made = predicted(tmp_path / "out", motion, "--predictor", "dsnet_faithful")
-    assert (made["predictor"], made["why"]) == ("dsnet_faithful", "as requested")
-    assert "dsnet_faithful" in capsys.readouterr().err
-    assert set(made["upstream"]) == {"train", "train-ae"}
-    assert set(made["arrays"]) == {"latents", "offsets", "vertices"}
-
-
 @pytest.mark.usefixtures("trained_run")
 @pytest.mark.parametrize("asked", ["dsnet_plus", "nonsense", "dsnet_differences"])
-def test_one_that_the_run_lacks_is_one_line(motion, tmp_path, capsys, asked):
-    with pytest.raises(SystemExit) as stopped:
-        predicted(tmp_path / "out", motion, "--predictor", asked)
-    printed = capsys.readouterr().err
-    assert (stopped.value.code, printed.count("\n")) == (2, 1)
+def test_one_that_the_run_lacks_is_one_line(motion, tmp_path, refusal, asked):
+    options = ["--run", "r", "--motion", str(motion), "--out", str(tmp_path / "out")]
+    printed = refusal("predict", *options, "--predictor", asked)
     assert f"'{asked}'" in printed
     assert "one of dsnet_standardised, dsnet_faithful." in printed
     assert "`dsnet train --run r`" in printed
@@ -71,16 +52,14 @@ def test_one_that_the_run_lacks_is_one_line(motion, tmp_path, capsys, asked):
     assert find_model(Run("r"), None).name == "dsnet_standardised"
 
 
-def test_the_networks_are_not_offered_by_a_run_without(plus_run):
-    with pytest.raises(DsnetError, match=r"one of dsnet_plus\..*`dsnet train --run r`"):
-        find_model(plus_run, "dsnet_faithful")
-    assert find_model(plus_run, None).name == NAME
-    assert find_model(plus_run, NAME).why == "as requested"
-
-
-def test_a_run_without_any_says_what_trains_one(aligned_run):
+def test_what_a_run_has_not_trained_is_not_offered(aligned_run, flesh):
     with pytest.raises(DsnetError, match=r"without a trained predictor.*dsnet train --run r"):
         find_model(aligned_run, None)
+    write_plus(aligned_run, flesh)
+    with pytest.raises(DsnetError, match=r"one of dsnet_plus\..*`dsnet train --run r`"):
+        find_model(aligned_run, "dsnet_faithful")
+    assert find_model(aligned_run, None).name == NAME
+    assert find_model(aligned_run, NAME).why == "as requested"
 
 
 def test_a_damaged_model_is_one_line(plus_run, motion, tmp_path):
@@ -90,10 +69,10 @@ def test_a_damaged_model_is_one_line(plus_run, motion, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-GENDERS = ("female", "male")
+both_genders = pytest.mark.parametrize("gender", ["female", "male"])
 
 
-@pytest.mark.parametrize("gender", GENDERS)
+@both_genders
 def test_they_are_as_they_were_written_and_say_synthetic(gender):
     model = read_artifact(packaged_folder(gender), PACKAGED)
     model.verify()
@@ -110,24 +89,6 @@ def test_another_predictor_needs_a_run():
         find_model(None, "dsnet_faithful", "female")
 
 
-def test_a_bvh_moves_her_as_the_motion_does_that_it_was_made_of(tmp_path):
-    sample = load_amass_motion("sample:walking")
-    pose, places_m = unpack_theta(sample.theta[:30])
-    body = load_body_model("embedded:female")
-    skeleton = bvh.Skeleton(SMPL_JOINT_NAMES, SMPL_PARENTS, body.J_regressor @ body.v_template)
-    (tmp_path / "walk.bvh").write_text(bvh.text(skeleton, bvh.world_of(pose), places_m))
-    character, motion = Controls().load(None, None, tmp_path / "walk.bvh")
-    moved = [
-        np.concatenate([posed.vertices_m for posed in MovingBody(character, one)])
-        for one in (
-            place_motion(motion, character.body),
-            replace(motion, theta=pack_theta(pose, places_m)),
-        )
-    ]
-    # Her root joint rests 12 micrometres off the origin, about which AMASS's axes are turned.
-    np.testing.assert_allclose(moved[0], moved[1], atol=2e-5)
-
-
 @pytest.fixture(scope="module")
 def hops() -> Motion:
     """Half a second of standing, one of hops by 20 cm, half a second of standing."""
@@ -137,7 +98,7 @@ def hops() -> Motion:
     return Motion(theta, np.zeros(10), "female", 60.0, 60.0, source=None)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("gender", GENDERS)
+@both_genders
 @pytest.mark.parametrize("first_beta", [-2.0, 0.0, 2.0])
 def test_hops_shake_every_body_and_standing_stills_it(gender, first_beta, hops):
     betas = np.zeros(10)

@@ -52,16 +52,6 @@ def test_it_is_a_late_lap_of_many(flesh, lap_frames, look_ahead):
     assert np.abs(once - found).max() > 1e-3
 
 
-def test_the_last_frame_leads_into_the_first(flesh):
-    lap = lap_of(circling(LAP, LAP))
-    predict = partial(predict_loop, partial(predict_whole, PlusModel(flesh, BODY)), lap)
-    found = offsets_of(predict(BETAS))
-    around = np.linalg.norm(np.diff(found, axis=0, append=found[:1]), axis=-1).max(axis=1)
-    assert around[-1] < 1.2 * around[:-1].max()
-    alone = offsets_of(predict_whole(PlusModel(flesh, BODY), lap.theta, BETAS))
-    assert np.linalg.norm(alone[0] - alone[-1], axis=-1).max() > around.max()
-
-
 def test_the_networks_tissue_repeats_too(trained, trained_run):
     codec = trained_run.artifact("train-ae")
     network = partial(predict_whole, DsnetModel(trained, codec, BODY))

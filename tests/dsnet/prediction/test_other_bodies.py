@@ -29,6 +29,8 @@ from tests.forged.other_bodies import with_pelvis_off
 
 HOME = load_body_model("embedded:female")
 SAMPLE = "sample:walking"
+FILE = np.linspace(-1, 1, 10)
+"""Betas of a file."""
 
 
 def of_others(body: BodyModelData) -> BodyModelData:
@@ -83,20 +85,6 @@ def test_the_environment_says_it_for_always(body_file, monkeypatch):
     _, order = renumbered(HOME)
     rest_m = with_pelvis_off(HOME).v_template[order]
     np.testing.assert_allclose(moved.vertices_m - moved.offsets_m, rest_m, atol=1e-5)
-
-
-def test_a_stream_takes_a_body_by_its_file(body_file):
-    by_file, by_data = (Stream(body=body) for body in (str(body_file), load_body_model(body_file)))
-    theta = np.zeros(69)
-    who = [bodies.join(np.zeros(10)) for bodies in (by_file, by_data)]
-    for frame in range(12):
-        theta[67] = 0.1 * np.sin(frame / 3)
-        one, two = (
-            bodies.step({name: theta})[name]
-            for bodies, name in zip((by_file, by_data), who, strict=True)
-        )
-    np.testing.assert_array_equal(one.offsets_m, two.offsets_m)
-    assert np.abs(one.offsets_m).max() > 1e-4
 
 
 def test_a_stream_moves_a_mans_body_as_a_mans():
@@ -183,7 +171,7 @@ def test_a_gender_is_asked_for_where_the_file_says_another(body_file, tmp_path, 
     """The body is of it, the betas are still those of the file's."""
     path = walk(5, tmp_path / "a.npz")
     with np.load(path) as stored:
-        np.savez(path, **{**stored, "gender": "neutral", "betas": TestWhoseBetas.FILE})
+        np.savez(path, **{**stored, "gender": "neutral", "betas": FILE})
     trained, motion = Controls(gender="male").load(None, None, path)
     assert (trained.body.name, motion.gender) == ("embedded:male", "neutral")
     assert not capsys.readouterr().err
@@ -227,75 +215,51 @@ def test_an_exported_page_is_baked_too(body_file, tmp_path):
     assert 'id="asset:model"' not in page
 
 
-class TestWhoseBetas:
-    """Of a file, on a body."""
+MAN = load_body_model("embedded:male")
+OF_SMPL, NO_GENDER = of_others(HOME), replace(of_others(HOME), gender="unknown")
+IN_DOUBT = "does not say whose betas it has: taken as the body's; --shape"
 
-    FILE = np.linspace(-1, 1, 10)
 
-    def shaped(self, tmp_path: Path, body: BodyModelData, **changes: object) -> np.ndarray:
-        path = walk(130, tmp_path / "in" / "a.npz", betas=self.FILE, **changes)
-        return with_betas_on(load_motion(path), body).betas
+@pytest.mark.parametrize(
+    ("body", "file", "used", "said"),
+    [
+        (OF_SMPL, {}, True, ""),
+        (HOME, {"source": "synthetic"}, True, ""),
+        (HOME, {"body_model": "embedded:female"}, True, ""),
+        (NO_GENDER, {}, True, "does not say its gender: it takes a female body's betas"),
+        (OF_SMPL, {"gender": None}, True, IN_DOUBT),
+        (OF_SMPL, {"poses": np.zeros((5, 66))}, True, IN_DOUBT),
+        (HOME, {}, False, "another body model's"),
+        (OF_SMPL, {"gender": "male"}, False, "are a male body's, the body is female"),
+        (OF_SMPL, {"gender": "neutral"}, False, "are a neutral body's, the body is female"),
+        (of_others(MAN), {}, False, "are a female body's, the body is male"),
+        (MAN, {"source": "synthetic"}, False, "are a female body's, the body is male"),
+    ],
+)
+def test_betas_are_used_on_bodies_that_they_are_of(tmp_path, capsys, body, file, used, said):
+    """Told wherever that is in doubt; an embedded body takes this project's alone."""
+    path = save(tmp_path / "a.npz", smplh(5), **{"betas": FILE, "gender": "female", **file})
+    found = with_betas_on(load_motion(path), body).betas
+    np.testing.assert_array_equal(found, FILE if used else np.zeros(10))
+    printed = capsys.readouterr().err
+    assert said in printed
+    assert printed.count("\n") == bool(said)
 
-    def test_are_used_on_a_body_of_their_space(self, tmp_path, capsys):
-        np.testing.assert_array_equal(self.shaped(tmp_path, of_others(HOME)), self.FILE)
-        assert "betas" not in capsys.readouterr().err
 
-    def test_of_this_project_are_the_embedded_bodies(self, tmp_path, capsys):
-        for changes in ({"source": "synthetic"}, {"body_model": "embedded:female"}):
-            np.testing.assert_array_equal(self.shaped(tmp_path, HOME, **changes), self.FILE)
-        assert "betas" not in capsys.readouterr().err
+def test_betas_of_another_kind_or_beyond_the_bodys_are_left_out(tmp_path, capsys):
+    motion = load_motion(walk(5, tmp_path / "a.npz", betas=np.linspace(-1, 1, 16)))
+    assert with_betas_on(motion, OF_SMPL).betas.shape == (10,)
+    assert "6 of 16 betas are left out" in capsys.readouterr().err
+    assert not with_betas_on(replace(motion, kind="smplx"), OF_SMPL).betas.any()
+    assert "are SMPL-X's, the body SMPL's" in capsys.readouterr().err
 
-    def test_of_others_are_never_used_silently(self, tmp_path, capsys):
-        assert not self.shaped(tmp_path, HOME).any()
-        (line,) = capsys.readouterr().err.splitlines()
-        for word in ("another body model's", "the mean shape is taken", "--shape", "--body"):
-            assert word in line
 
-    def test_beyond_the_bodys_shapes_are_left_out_with_a_line(self, tmp_path, capsys):
-        path = walk(5, tmp_path / "in" / "a.npz", betas=np.linspace(-1, 1, 16))
-        found = with_betas_on(load_motion(path), of_others(HOME))
-        assert found.betas.shape == (10,)
-        assert "6 of 16 betas are left out" in capsys.readouterr().err
-
-    def test_of_another_kind_of_body_are_no_ones(self, tmp_path, capsys):
-        path = walk(5, tmp_path / "in" / "a.npz", betas=self.FILE)
-        motion = replace(load_motion(path), kind="smplx")
-        assert not with_betas_on(motion, of_others(HOME)).betas.any()
-        assert "are SMPL-X's, the body SMPL's" in capsys.readouterr().err
-
-    @pytest.mark.parametrize("ours", [False, True])
-    def test_of_another_gender_are_no_ones(self, tmp_path, capsys, ours):
-        """Of a woman's file on a man's body, a user's own or the embedded one."""
-        male = load_body_model("embedded:male")
-        body, source = (male, {"source": "synthetic"}) if ours else (of_others(male), {})
-        assert not self.shaped(tmp_path, body, **source).any()
-        assert "are a female body's, the body is male" in capsys.readouterr().err
-
-    @pytest.mark.parametrize("gender", ["female", "male", "neutral"])
-    def test_of_a_gender_are_for_bodies_of_it(self, tmp_path, capsys, gender):
-        path = save(tmp_path / "a.npz", smplh(5), betas=self.FILE, gender=gender)
-        found = with_betas_on(load_motion(path), of_others(HOME)).betas
-        said = f"are a {gender} body's, the body is female" in capsys.readouterr().err
-        assert said == (gender != "female") == (not found.any())
-
-    def test_on_a_body_of_no_gender_are_used_with_a_line(self, tmp_path, capsys):
-        body = replace(of_others(HOME), gender="unknown")
-        np.testing.assert_array_equal(self.shaped(tmp_path, body), self.FILE)
-        said = f"{body.name} does not say its gender: it takes a female body's betas"
-        assert said in capsys.readouterr().err
-
-    @pytest.mark.parametrize("changes", [{"gender": None}, {"poses": np.zeros((5, 66))}])
-    def test_of_nobody_in_particular_are_used_with_a_line(self, tmp_path, capsys, changes):
-        path = save(tmp_path / "a.npz", smplh(5) | {"betas": self.FILE}, **changes)
-        motion = load_motion(path)
-        found = with_betas_on(motion, of_others(HOME))
-        np.testing.assert_array_equal(found.betas, self.FILE)
-        (line,) = capsys.readouterr().err.splitlines()
-        assert f"{path} does not say whose betas it has: taken as the body's; --shape" in line
-        with_betas_on(motion, of_others(HOME), warn=False)
-        with_betas_on(replace(motion, betas=np.zeros(10)), of_others(HOME))
-        with_betas_on(replace(motion, embedded_betas=True), HOME)
-        assert not capsys.readouterr().err
+def test_a_doubt_is_not_told_where_nothing_depends_on_it(tmp_path, capsys):
+    motion = load_motion(walk(5, tmp_path / "a.npz", betas=FILE, poses=np.zeros((5, 66))))
+    with_betas_on(motion, OF_SMPL, warn=False)
+    with_betas_on(replace(motion, betas=np.zeros(10)), OF_SMPL)
+    with_betas_on(replace(motion, embedded_betas=True), HOME)
+    assert not capsys.readouterr().err
 
 
 def test_a_runs_own_model_is_carried_over_too(plus_run: Run, body_file):

@@ -100,15 +100,13 @@ def test_what_the_betas_cannot_give_says_what_they_can():
         (["huge"], "tall, short, heavy"),
         (["size=3"], "each of height, weight, chest, waist, hips"),
         (["height=180", "height=170"], "given before"),
-        (["height=x"], "a number, more than 0 and less than 1000.*in cm"),
-        (["height="], "a number, more than 0 and less than 1000.*in cm"),
-        (["height=nan"], "a number, more than 0 and less than 1000.*in cm"),
-        (["weight=-5"], "a number, more than 0 and less than 1000.*in cm"),
-        (["weight=1e9"], "a number, more than 0 and less than 1000.*in cm"),
-        (["height=0"], "a number, more than 0 and less than 1000.*in cm"),
-        (["height=1000"], "a number, more than 0 and less than 1000.*in cm"),
+        *(
+            ([word], "a number, more than 0 and less than 1000.*in cm")
+            for word in ("height=x", "height=", "height=nan", "weight=-5", "weight=1e9", "height=0",
+                         "height=1000")
+        ),
     ],
-)
+)  # fmt: skip
 def test_bad_words_are_one_line(words, said):
     with pytest.raises(DsnetError, match=said) as refused:
         find_shape(FEMALE, words)
