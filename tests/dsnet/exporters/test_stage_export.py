@@ -28,17 +28,12 @@ def motion(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def refused(motion, tmp_path, capsys):
+def refused(motion, tmp_path, refusal):
     """Export, and see that one line is all that happens."""
 
     def run(*options: str) -> str:
         before = sorted(tmp_path.rglob("*"))
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as stopped:
-            main(["export", *options])
-        printed = capsys.readouterr().err
-        assert stopped.value.code == 2
-        assert printed.count("\n") == 1, printed
+        printed = refusal("export", *options)
         assert sorted(tmp_path.rglob("*")) == before
         return printed
 

@@ -12,7 +12,6 @@ import pytest
 from bridge.body import load_body_model
 from bridge.motion import load_motion
 from bridge.motion.smoothing import SmoothHz
-from dsnet.cli import main
 from dsnet.prediction.controls import Controls
 from dsnet.prediction.models import FRAMES_AT_ONCE, PlusModel, predict_whole
 from dsnet.prediction.moving_body import place_motion
@@ -153,34 +152,13 @@ def predict(run, path, out, capsys, controls=None):
 def cut_motion(tmp_path) -> tuple[Path, list[Path]]:
     """Ninety frames, of which those from the fortieth on are 1 m off; and both parts alone."""
     with np.load(hopping(tmp_path / "hop.npz", 90)) as stored:
-        poses, trans = stored["poses"], stored["trans"]
-    trans[40:, 0] += 1.0
-    whole = save(
-        tmp_path / "cut.npz", smplh(90, 60.0), poses=poses, trans=trans, source="synthetic"
-    )
-    parts = {"before": slice(0, 40), "after": slice(40, 90)}
-    return whole, [
-        save(
-            tmp_path / f"{name}.npz",
-            smplh(len(poses[part]), 60.0),
-            poses=poses[part],
-            trans=trans[part],
-            source="synthetic",
-        )
-        for name, part in parts.items()
-    ]
+        arrays = dict(stored)
+    arrays["trans"][40:, 0] += 1.0
 
+    def part(name: str, rows: slice) -> Path:
+        moving = {key: arrays[key][rows] for key in ("poses", "trans")}
+        given = smplh(len(moving["poses"]), 60.0)
+        return save(tmp_path / f"{name}.npz", given, source="synthetic", **moving)
 
-@pytest.mark.usefixtures("plus_run")
-@pytest.mark.parametrize("key", ["poses", "trans"])
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_motion_with_what_is_no_number_is_one_line(tmp_path, capsys, key, value):
-    array = smplh(51)[key]
-    array[7, 0] = value
-    path = save(tmp_path / "a_poses.npz", smplh(51), **{key: array})
-    with pytest.raises(SystemExit) as stopped:
-        main(["predict", "--run", "r", "--motion", str(path), "--out", str(tmp_path / "out")])
-    printed = capsys.readouterr().err
-    assert (stopped.value.code, printed.count("\n")) == (2, 1)
-    assert "not all finite" in printed
-    assert not (tmp_path / "out").exists()
+    parts = [part("before", slice(40)), part("after", slice(40, None))]
+    return part("cut", slice(None)), parts

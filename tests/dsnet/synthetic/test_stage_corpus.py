@@ -16,7 +16,6 @@ from bridge.motion import sequences_of, subject_rows, unpack_theta
 from bridge.motion.readers import subject_and_motion
 from bridge.motion.splits import CELLS, cell_of, trained_people_and_kinds
 from bridge.runs import read_artifact
-from dsnet import cli
 from dsnet.synthetic import stage_corpus as stage
 from dsnet.synthetic.simulation import TissueSimulator
 from dsnet.synthetic.subjects import SUBJECTS
@@ -180,11 +179,8 @@ def test_men_have_a_corpus_of_their_own(tmp_path, monkeypatch):
         ["--subjects", "6"],
     ],
 )
-def test_options_without_sense_are_refused_before_any_work(options, tmp_path, monkeypatch, capsys):
+def test_options_without_sense_are_refused_before_any_work(options, tmp_path, monkeypatch, refusal):
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
     monkeypatch.setattr(TissueSimulator, "offsets", lambda *_: pytest.fail("it began"))
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["corpus", "--profile", "smoke", *options])
-    assert ended.value.code == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    refusal("corpus", "--profile", "smoke", *options)
     assert not list(tmp_path.glob("smoke/*"))
