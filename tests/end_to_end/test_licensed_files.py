@@ -13,7 +13,6 @@ from bridge.body import load_body_model
 from bridge.meshes.dyna_files import dyna_sequences
 from bridge.motion import sequences_of
 from bridge.runs import read_artifact
-from dsnet.cli import main
 from dsnet.report import stage_report
 from dsnet.report.bodies import Scene
 from tests.forged.amass import save, shape, smplh, smplx
@@ -143,7 +142,7 @@ class TouchesAFile:
     ],
 )
 def test_bad_files_are_one_line_and_leave_nothing(
-    tmp_path, monkeypatch, capsys, smpl, meshes, words
+    tmp_path, monkeypatch, refusal, smpl, meshes, words
 ):
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
     body = load_body_model("embedded:female")
@@ -158,11 +157,6 @@ def test_bad_files_are_one_line_and_leave_nothing(
     file = save_registrations(tmp_path / "dyna.h5", {f"{subject}_hips": frames})
     if meshes == "half":
         file.write_bytes(file.read_bytes()[:100_000])
-    with pytest.raises(SystemExit) as stopped:
-        main(["align", "--run", "bad", "--smpl", str(model), "--dyna", str(file)])
-    printed = capsys.readouterr().err
-    assert stopped.value.code == 2
-    assert words in printed
-    assert printed.count("\n") == 1
+    assert words in refusal("align", "--run", "bad", "--smpl", str(model), "--dyna", str(file))
     assert not trace.exists()
     assert not (tmp_path / "runs").exists()

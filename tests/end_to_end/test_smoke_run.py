@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from bridge import paper
 from bridge.runs import read_artifact
@@ -62,15 +61,6 @@ def test_predict_reads_a_real_amass_file(smoke_runs, tmp_path, execute, asked):
     assert lines[0].startswith(f"dsnet: the betas of {SAMPLE} are another body model's: ")
     assert lines[1].startswith(f"dsnet: {asked or 'dsnet_plus'} (")
     assert_is_a_standing_body(out, frames=(117, 118), floor_m=0.1)
-    if not asked:
-        assert_dies_away(read_artifact(out).array("offsets"))
-
-
-def assert_dies_away(offsets_m: NDArray) -> None:
-    """In the last 0.3 s she stands: a fifth of the largest frame's mean offset at most."""
-    mean_mm = 1e3 * np.linalg.norm(offsets_m, axis=-1).mean(axis=1)
-    assert mean_mm.max() > 1
-    assert mean_mm[-18:].mean() < mean_mm.max() / 5
 
 
 def assert_is_a_standing_body(out: Path, frames: tuple[int, int], floor_m: float) -> None:
