@@ -118,6 +118,20 @@ def test_one_person_tells_nothing_of_shapes(body, truth):
     np.testing.assert_allclose(found.base["omega"] - alone.base["omega"], told, atol=1e-6)
 
 
+@pytest.mark.slow
+def test_training_is_the_same_bits_each_time_and_after_a_restart(body, truth):
+    settings = replace(SETTINGS, rounds=3, steps=3)
+    once = training_of(body, truth, settings)
+    losses = rounds(once, truth, body, range(3))
+    begun = training_of(body, truth, settings)
+    first = rounds(begun, truth, body, [0])
+    resumed = training_of(body, truth, settings)
+    resumed.restore(begun.state())
+    assert [*first, *rounds(resumed, truth, body, [1, 2])] == losses
+    for name, array in once.state().items():
+        np.testing.assert_array_equal(resumed.state()[name], array)
+
+
 @pytest.fixture
 def losses_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps that say their loss and learn nothing: building a gradient takes seconds."""

@@ -17,6 +17,27 @@ def clips(encoded_run) -> Clips:
     return make_clips(recordings, fit_scaling(recordings, 0.05), 50)
 
 
+def assert_same_state(one: Trainer, other: Trainer) -> None:
+    states = one.state(), other.state()
+    assert states[0].keys() == states[1].keys()
+    for name, array in states[0].items():
+        np.testing.assert_array_equal(array, states[1][name], err_msg=name)
+
+
+def test_restored_trainer_goes_on_bit_identically(clips):
+    whole = Trainer(clips, lr=1e-3, batch_size=2, seed=5)
+    losses = [whole.epoch(number) for number in range(4)]
+
+    first = Trainer(clips, lr=1e-3, batch_size=2, seed=5)
+    assert [first.epoch(number) for number in range(2)] == losses[:2]
+    second = Trainer(clips, lr=1e-3, batch_size=2, seed=99)
+    second._seed = 5
+    second.restore(first.state())
+    assert [second.epoch(number) for number in range(2, 4)] == losses[2:]
+    assert_same_state(whole, second)
+    assert int(second.state()["adam/0"]) == 12
+
+
 @pytest.mark.parametrize("of", ["fc_enc_1/kernel", "adam/2"])
 def test_another_networks_state_is_refused_in_one_line(clips, of):
     trainer = Trainer(clips, lr=1e-3)

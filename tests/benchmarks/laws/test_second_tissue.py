@@ -63,3 +63,17 @@ def test_a_small_vibration_is_that_of_the_standard_linear_solid(direction, stiff
     expected = zener(frequency_hz * np.sqrt(stiffer), share, 0.04, times_s)
     np.testing.assert_allclose(found, expected, atol=0.03)
     assert 0.001 < np.abs(expected[-60:]).max() < 0.5
+
+
+@pytest.mark.parametrize("amplitude_m", [0.001, 0.005])
+def test_energy_never_grows_without_load(amplitude_m):
+    energy = released_energy(amplitude_m)
+    assert np.diff(energy).max() <= 0
+    assert energy[-1] < 0.1 * energy[0]
+
+
+def released_energy(amplitude_m):
+    """Of 60 steps from random offsets."""
+    body = layer(10.0)
+    rough = np.random.default_rng(0).normal(size=(len(body.free), 3)) * amplitude_m
+    return np.array([body.energy(state) for state in states(body, displaced(body, rough), 60)])

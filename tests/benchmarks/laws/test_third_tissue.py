@@ -9,6 +9,7 @@ import pytest
 import scipy.sparse as sp
 
 from benchmarks.laws.third_tissue import RATE_HZ, ThirdTissue, ThirdTissueParameters
+from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
 from dsnet.synthetic.subjects import SUBJECTS
 
 HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]
@@ -67,3 +68,25 @@ def test_a_column_swings_in_two_modes_of_the_analytic_frequencies(mode):
     crossings = after + moved[after] / (moved[after] - moved[after + 1])
     frequency_hz = RATE_HZ / 2 / np.diff(crossings).mean()
     np.testing.assert_allclose(frequency_hz, np.sqrt(squares[mode]) / 2 / np.pi, rtol=0.02)
+
+
+def flat_patch() -> ThirdTissueParameters:
+    """25 x 25 columns, a centimetre apart."""
+    across, along = np.meshgrid(np.arange(25), np.arange(25), indexing="ij")
+    flat = 0.01 * np.stack([across, along, 0 * along], -1).reshape(-1, 3)
+    corner = (across * 25 + along)[:-1, :-1].reshape(-1, 1)
+    faces = np.concatenate([corner + np.array(rest) for rest in ([0, 25, 26], [0, 26, 1])])
+    return columns(vertex_areas_m2(flat, faces), cotangent_laplacian(flat, faces))
+
+
+def test_energy_without_drive_never_grows():
+    damping = np.full(25 * 25, 100.0)
+    part = replace(flat_patch(), fat_damping_ns_m3=damping, muscle_damping_ns_m3=damping)
+    tissue, rng = ThirdTissue(part), np.random.default_rng(0)
+    offsets = 0.02 + 0.005 * rng.standard_normal((2, 3, 25 * 25))
+    energy = [
+        tissue.potential_j(state.offsets_m[0]) + tissue.kinetic_j(state.velocities_m_s[0])
+        for state in let_go(tissue, offsets, 100)
+    ]
+    assert (np.diff(energy) <= 1e-12).all()
+    assert energy[-1] < 0.2 * energy[0]
