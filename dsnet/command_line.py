@@ -66,7 +66,7 @@ def refuse_words_without_name(command: str, options: Sequence[str]) -> None:
     words, rest = options[:count], options[count:]
     meant = ["dsnet", command]
     if command == "export" and not any(word.partition("=")[0] == "--to" for word in rest):
-        beside = Path(words[0].removeprefix("sample:")).with_suffix(".usd")
+        beside = Path(words[0].removeprefix("sample:")).with_suffix(".usdz")
         words = [words[0], words[1] if count > 1 else str(beside)]
         suffix = Path(words[1]).suffix[1:].lower()
         meant += ["--to", "usd" if suffix in ("", "usda", "usdc", "usdz") else suffix]

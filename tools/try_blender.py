@@ -118,8 +118,8 @@ def install(folder: Path) -> str | None:
 
 def make_files(folder: Path) -> None:
     """Predict and export, two at a time."""
-    exports = {to: f"BODY.{to}" for to in ("usd", "glb", "abc")}
-    exports |= {"bvh": "BODY.bvh"} | {name: name for name in ("pc2", "mdd", "obj", "ply")}
+    exports = {"usd": "BODY.usdz"} | {to: f"BODY.{to}" for to in ("glb", "abc", "bvh")}
+    exports |= {name: name for name in ("pc2", "mdd", "obj", "ply")}
     commands = [["export", "--to", to, "--out", str(folder / out)] for to, out in exports.items()]
     commands.append(["predict", "--out", str(folder / "predicted")])
     with ThreadPoolExecutor(2) as pool:
@@ -162,7 +162,7 @@ def ways() -> list[BlenderImport]:
     abc = {"how": "abc", "path": "BODY.abc", "fps": fps}
     normals, sizes = ("normals_off_deg",), ("offset_m_off",)
     return [
-        BlenderImport("usd", {**usd, "path": "BODY.usd"}, (*OF_USD, *normals, *sizes)),
+        BlenderImport("usd", {**usd, "path": "BODY.usdz"}, (*OF_USD, *normals, *sizes)),
         BlenderImport("glb", glb, (*UPRIGHT, "bones")),
         BlenderImport("abc", abc, (*UPRIGHT, *normals, "frames_off")),
         BlenderImport("pc2", pc2),

@@ -81,8 +81,14 @@ def write_webp(path: Path, pages: Sequence[Image.Image], fps: float) -> None:
     scale = min(1.0, _WEBP_PX / width)
     size = round(width * scale), round(height * scale)
     first, *others = [page.resize(size, Image.Resampling.LANCZOS) for page in pages]
-    look = {"quality": _WEBP_QUALITY, "duration": round(1000 / fps), "loop": 0}
-    first.save(path, save_all=True, append_images=others, **look)
+    first.save(
+        path,
+        save_all=True,
+        append_images=others,
+        quality=_WEBP_QUALITY,
+        duration=round(1000 / fps),
+        loop=0,
+    )
 
 
 def _figure7(scene: Scene, sequence: MotionSequence, pictures: int) -> _Row:

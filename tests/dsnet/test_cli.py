@@ -213,7 +213,7 @@ def test_help_needs_no_framework(command):
         ("predict a.npz", "predict --motion a.npz"),
         ("predict a.npz out --gain 2", "predict --motion a.npz --out out --gain 2"),
         ("export a.npz b.USD", "export --to usd --motion a.npz --out b.USD"),
-        ("export a.npz", "export --to usd --motion a.npz --out a.usd"),
+        ("export a.npz", "export --to usd --motion a.npz --out a.usdz"),
         ("export a.npz b --to obj", "export --motion a.npz --out b --to obj"),
         ("view a.npz", "view --motion a.npz"),
         ("report demo", "report --run demo"),
