@@ -1,5 +1,5 @@
 // What turns SMPL's rest pose into the frames of a file's joints, as bridge/motion/rest_poses.py finds it.
-import { angleDeg, angleOf, apply, columns, cross, DEG, dot, EYE, largest, median, minus, plus, product, scaled, shortestTurn, size, sorted, transposed, turnAbout, unit } from "./linear.js";
+import { angleDeg, angleOf, apply, columns, cross, DEG, dot, largest, median, minus, plus, product, scaled, shortestTurn, size, sorted, transposed, turnAbout, unit } from "./linear.js";
 import { refuse } from "./refused.js";
 import { plainNames } from "./skeletons.js";
 
