@@ -6,10 +6,11 @@ inside out. So what a gain g adds to the prediction is limited in each part of t
     min(g, 1) + a / sqrt(1 + a^2 (x + x^3)^2),    a = max(g - 1, 0),    x = E / 0.36
 
 E is the strain that the prediction itself has there: of all edges of the part the 16-norm of
-|d_i - d_j| over the edge's length, so nearly the largest. A gain of at most 1 multiplies; a larger
-one nearly does where the flesh is calm, never gives less than 1 or than a smaller gain, and adds a
-strain of at most 0.36 / (1 + x^2): little where the prediction alone strains the skin. All of it is
-smooth in the offsets. Parts are blended as they fade, left and right are one part.
+|d_i - d_j| over the edge's length on the mean body, so nearly the largest. A gain of at most 1
+multiplies; a larger one nearly does where the flesh is calm, never gives less than 1 or than a
+smaller gain, and adds within a part a strain of at most 0.36 / (1 + x^2): little where the
+prediction alone strains the skin. All of it is smooth in the offsets. Parts are blended as they
+fade, left and right are one part.
 
 `dsnet/view/web/strain.js` computes the same.
 """
@@ -25,7 +26,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.parts import GROUPS, PARTS, part_weights
-from bridge.body.posing import shaped_vertices
 from bridge.options import Bounds, numbers_by_name
 from bridge.tissue.nodes import per_frame
 
@@ -64,12 +64,11 @@ class Gains:
 
     Parameters
     ----------
-    betas : (S,) of the body that moves.
     of_parts : one number, or one for each of `PARTS` (11,).
     """
 
-    def __init__(self, body: BodyModelData, betas: NDArray, of_parts: ArrayLike) -> None:
-        self._body, self._betas = body, betas
+    def __init__(self, body: BodyModelData, of_parts: ArrayLike) -> None:
+        self._body = body
         self.of_parts = np.broadcast_to(np.asarray(of_parts, np.float64), (len(PARTS),))
         self.limited = bool((self.of_parts > 1.0).any())
         """Whether strain limits them, so that they differ from frame to frame."""
@@ -101,15 +100,20 @@ class Gains:
             return (powers @ shares) ** (0.5 / 2**_DOUBLINGS)
 
     @cached_property
-    def _edges(self) -> tuple[sp.csr_matrix, NDArray[np.float64]]:
+    def _edges(self) -> tuple[sp.csr_matrix, NDArray[np.floating]]:
         """(E, V) differences along edges over their lengths, and (E, 11) how much each counts."""
-        rest = shaped_vertices(self._body, np.asarray(self._betas, np.float64)[None])[0]
-        faces = np.asarray(self._body.faces, np.int64)
-        both = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]))
-        one, other = np.unique(both, axis=0).T
-        each = 1.0 / np.maximum(np.linalg.norm(rest[one] - rest[other], axis=1), _SHORTEST_M)
-        row = np.arange(len(one))
+        (one, other), lengths_m = edges_of(self._body)
+        row, each = np.arange(len(one)), 1.0 / lengths_m
         places = np.concatenate([row, row]), np.concatenate([one, other])
         values = np.concatenate([each, -each]).astype(np.float32)
-        strained = sp.csr_matrix((values, places), shape=(len(one), len(rest)))
+        strained = sp.csr_matrix((values, places), shape=(len(one), self._body.vertex_count))
         return strained, ((self.shares[one] + self.shares[other]) / 2.0) ** 2.0 ** (_DOUBLINGS + 1)
+
+
+def edges_of(body: BodyModelData) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Vertices (2, E) of a body's edges, and their lengths (E,) on the mean body, metres."""
+    faces, template = np.asarray(body.faces, np.int64), np.asarray(body.v_template, np.float64)
+    both = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    one, other = np.unique(np.sort(both), axis=0).T
+    lengths_m = np.linalg.norm(template[one] - template[other], axis=1)
+    return np.stack([one, other]), np.maximum(lengths_m, _SHORTEST_M)

@@ -94,7 +94,7 @@ class MovingBody:
         self.controls = dict(controls or {})
         self.pieces = motion.pieces
         self.loop = loop
-        self.gains = Gains(trained.body, motion.betas, gain)
+        self.gains = Gains(trained.body, gain)
         self.plain = False
         """Whether it is shown without the picture of skin that an embedded body has."""
 

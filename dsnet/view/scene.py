@@ -31,7 +31,7 @@ from bridge.tissue.trained_plus import TrainedPlus
 from dsnet.onnx.body_graph import bone_weights
 from dsnet.onnx.plus_graph import plus_graph, plus_layout
 from dsnet.prediction.controls import root_joint_m
-from dsnet.prediction.gains import LARGEST_STRAIN, gains_of_parts
+from dsnet.prediction.gains import LARGEST_STRAIN, edges_of, gains_of_parts
 from dsnet.prediction.loops import Loop, close_loop
 from dsnet.prediction.models import PlusModel
 from dsnet.prediction.moving_body import MovingBody, pose_on
@@ -136,12 +136,15 @@ class Scene:
 
     def _scene(self) -> bytes:
         clip_list, body, controls = self._clip_list, self.body, self._controls
+        index, (edges, lengths_m) = "<u2" if body.vertex_count < 1 << 16 else "<u4", edges_of(body)
         facts: dict[str, Any] = {
             "owner": clip_list.best.owner,
             "origin": clip_list.best.shows,
             "gender": body.gender,
             "baked": self.baked,
-            "faces": _text(body.faces, "<u2" if body.vertex_count < 1 << 16 else "<u4"),
+            "faces": _text(body.faces, index),
+            "edges": _text(edges, index),
+            "edges_m": _text(lengths_m, "<f4"),
             "vertices": body.vertex_count,
             "parts": PARTS,
             "part_weights": _text(part_weights(body).T, "<f4"),

@@ -12,17 +12,18 @@ export const numbersOf = (base64, Type) => new Type(bytesOf(base64).buffer);
 export class Body {
   constructor(scene) {
     this.count = scene.vertices;
-    this.faces = numbersOf(scene.faces, scene.vertices < 65536 ? Uint16Array : Uint32Array);
+    const Index = scene.vertices < 65536 ? Uint16Array : Uint32Array;
+    this.faces = numbersOf(scene.faces, Index);
     this.boneOf = bytesOf(scene.bone_of);
     this.weight = numbersOf(scene.bone_weight, Float32Array);
     this.each = this.weight.length / this.count;
-    this.gains = new Gains(scene, this.faces, numbersOf(scene.part_weights, Float32Array));
+    this.gains = new Gains(scene, numbersOf(scene.edges, Index), numbersOf(scene.edges_m, Float32Array), numbersOf(scene.part_weights, Float32Array));
   }
 
   // rest and offsets (3, V), gains of parts or null, bones (12, N) to positions (V, 3), metres; sizes (V),
   // if given, get the lengths of the offsets.
   skin(rest, offsets, ofParts, bones, positions, sizes) {
-    const gains = offsets && ofParts ? this.gains.ofVertices(rest, offsets, ofParts) : null;
+    const gains = offsets && ofParts ? this.gains.ofVertices(offsets, ofParts) : null;
     const { count, each, boneOf, weight } = this, boneCount = bones.length / 12;
     const byBone = (this.own ??= new Float32Array(bones.length)); // the 12 numbers of a bone side by side
     for (let r = 0; r < 12; r++) for (let j = 0; j < boneCount; j++) byBone[j * 12 + r] = bones[r * boneCount + j];

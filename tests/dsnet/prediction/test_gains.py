@@ -52,8 +52,8 @@ def test_it_is_smooth():
 
 
 def test_strain_is_that_of_edges():
-    body, betas = dsnet.load_body("embedded:female"), np.zeros(10)
-    rest, gains = shaped_vertices(body, betas[None])[0], Gains(body, betas, 2.0)
+    body = dsnet.load_body("embedded:female")
+    rest, gains = body.v_template, Gains(body, 2.0)
     np.testing.assert_allclose(gains.strains(np.ones((2, *rest.shape))), 0.0, atol=1e-3)
     stretched = gains.strains(0.2 * rest[None])[0]
     assert (stretched > 0.2).all()
@@ -79,12 +79,12 @@ def test_no_gain_turns_a_surface_inside_out(landing):
     longest = np.max([stretch for stretch, _ in alone])
     most = GAINS.most * gains_of_parts(["torso=20", "arms=20", "legs=20"])
     for asked in (3.0, 5.0, most):
-        gains = Gains(body, betas, asked)
+        gains = Gains(body, asked)
         left = gains.left_of_parts(predicted_m) @ gains.shares.T
         for stretch, facing in triangles(rest, body.faces, predicted_m * left[..., None]):
             assert facing[whole].min() > 0
             assert stretch.max() < longest + LARGEST_STRAIN
-    plain = Gains(body, betas, 3.0).unlimited * predicted_m
+    plain = Gains(body, 3.0).unlimited * predicted_m
     turned = [(facing[whole] < 0).sum() for _, facing in triangles(rest, body.faces, plain)]
     assert max(turned) > 20  # the blades that this is about
 
