@@ -2,10 +2,10 @@
 
     python -m tools.try_wheels --out docs/results/wheels.json
 
-Nothing is installed or run: pip resolves what the wheel and each extra ask for, from wheels alone,
-for each system below. The conditions on the system in this project's own requirements are those of
-that system; in what those packages ask for in turn, pip takes those of the machine that it runs on.
-The answer is that of the index which pip asks here.
+Nothing is installed or run: pip resolves what the wheel and each extra ask for, from wheels alone
+and in the versions of `constraints.txt`, for each system below. The conditions on the system in
+this project's own requirements are those of that system; in what those packages ask for in turn,
+pip takes those of the machine that it runs on. The answer is that of the index which pip asks here.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from tools.built_wheel import asked_by, build_wheel
+from tools.built_wheel import ROOT, asked_by, build_wheel
 
 PYTHON = "3.12"
 SYSTEMS = {
@@ -70,6 +70,7 @@ def lacking(asked: Sequence[str], system: str) -> str | None:
     tags = [f"--platform={tag}" for tag in SYSTEMS[system][2]]
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", "install"]
     only = ["--dry-run", "--ignore-installed", "--only-binary=:all:", f"--python-version={PYTHON}"]
+    only.append(f"--constraint={ROOT / 'constraints.txt'}")
     with tempfile.TemporaryDirectory() as target:
         command = [*pip, *only, *tags, f"--target={target}", *asked]
         done = subprocess.run(command, capture_output=True, encoding="utf-8", check=False)
