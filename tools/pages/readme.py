@@ -76,7 +76,8 @@ def verdict() -> str:
         "([each with its number and command](docs/results/claims.md)).\n"
         "- **The paper's words alone**: on a held-out jump R² "
         f"{best_of(literal, 'validation')[1]} at [the paper's size]"
-        f"(docs/results/paper_literal/report.md), {_steps(literal)}; {_literal(demo)} in `demo`, "
+        f"(docs/results/paper_literal/report.md), after {_steps(literal)} steps of its "
+        f"autoencoder; {_literal(demo)} in `demo`, after "
         f"{_steps(demo)} ([both readings](docs/paper.md#the-papers-words-alone)).\n"
         f"- **DSNet** reduces SMPL's error on that jump {_reduced(paper, 'validation')}, in "
         f"`demo` {_reduced(demo, 'validation')}. It does not generalise: R² is {r2[KNOWN]} for "
@@ -100,10 +101,10 @@ def _literal(results: dict[str, Any]) -> str:
 
 
 def _steps(results: dict[str, Any]) -> str:
-    """How long the literal autoencoder of a run was trained."""
+    """Of a run's literal autoencoder."""
     trained = [results["autoencoder"]["training"], *results["autoencoder"]["comparisons"]]
     [literal, *_] = [one for one in trained if one["preset"] == "literal"]
-    return f"after {literal['steps_taken']:,} steps of its autoencoder"
+    return f"{literal['steps_taken']:,}"
 
 
 def card() -> str:
