@@ -3,9 +3,8 @@
     python -m tools.try_wheels --out docs/results/wheels.json
 
 Nothing is installed or run: pip resolves what the wheel and each extra ask for, from wheels alone
-and in the versions of `constraints.txt`, for each system below. The conditions on the system in
-this project's own requirements are those of that system; in what those packages ask for in turn,
-pip takes those of the machine that it runs on. The answer is that of the index which pip asks here.
+and in the versions of `constraints.txt`, for each system below, whose conditions it is given in
+place of this machine's. The answer is that of the index which pip asks here. Some minutes.
 """
 
 from __future__ import annotations
@@ -15,23 +14,28 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from packaging.requirements import Requirement
-
-from tools.built_wheel import ROOT, asked_by, build_wheel
+from tools.built_wheel import ROOT, build_wheel
 
 PYTHON = "3.12"
 SYSTEMS = {
-    "Windows, x86": ("win32", "AMD64", ["win_amd64"]),
-    "macOS, Arm": ("darwin", "arm64", ["macosx_14_0_arm64"]),
-    "Linux, Arm": ("linux", "aarch64", [f"manylinux_2_{glibc}_aarch64" for glibc in (17, 28, 34)]),
-}
-"""`sys.platform`, the processor, and the tags of wheels that it takes."""
+    "Windows, x86": ("win32", "Windows", "nt", "AMD64", ["win_amd64"]),
+    "macOS, Arm": ("darwin", "Darwin", "posix", "arm64", ["macosx_14_0_arm64"]),
+    "Linux, Arm": ("linux", "Linux", "posix", "aarch64",
+                   [f"manylinux_2_{glibc}_aarch64" for glibc in (17, 28, 34)]),
+}  # fmt: skip
+"""`sys_platform`, `platform_system`, `os_name`, `platform_machine`; tags of wheels."""
 EXTRAS = ("", "train", "train-cpu", "usd", "abc", "clip", "fbx", "ray")
 """Those of somebody who uses the project; `""` is the wheel alone."""
+_PIP = """import json, sys
+from pip._internal.cli.main import main
+from pip._vendor.packaging import markers
+there, own = json.loads(sys.argv[1]), markers.default_environment
+markers.default_environment = lambda: own() | there
+sys.exit(main(sys.argv[2:]))"""
+"""pip knows no option for a system's conditions."""
 
 
 def main() -> None:
@@ -39,43 +43,36 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, help="JSON: system → extra → what pip lacks, or null")
     out = parser.parse_args().out
-    with tempfile.TemporaryDirectory() as folder:
-        lines = asked_by(build_wheel(Path(folder)))
     cases = [(system, extra) for system in SYSTEMS for extra in EXTRAS]
-    with ThreadPoolExecutor(2) as pool:
-        found = list(pool.map(lambda case: lacking(requirements(lines, *case), case[0]), cases))
-    answers: dict[str, dict[str, str | None]] = {system: {} for system in SYSTEMS}
-    for (system, extra), lacks in zip(cases, found, strict=True):
-        answers[system][extra] = lacks
-        print(f"{system:14} {extra or 'the wheel alone':16} {lacks or 'yes'}")
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(2) as pool:
+        wheel = build_wheel(Path(folder))
+        found = pool.map(lambda case: lacking(wheel, *case), cases)
+        answers: dict[str, dict[str, str | None]] = {system: {} for system in SYSTEMS}
+        for (system, extra), lacks in zip(cases, found, strict=True):
+            answers[system][extra] = lacks
+            print(f"{system:14} {extra or 'the wheel alone':16} {lacks or 'yes'}", flush=True)
     if out:
         out.write_text(json.dumps(answers, indent=1) + "\n", encoding="utf-8")
 
 
-def requirements(lines: Sequence[str], system: str, extra: str) -> list[str]:
-    """What the wheel asks for there with an extra, without its conditions."""
-    platform, machine, _ = SYSTEMS[system]
-    environment = {"sys_platform": platform, "platform_machine": machine, "extra": extra}
-    environment |= {"python_version": PYTHON, "python_full_version": f"{PYTHON}.0"}
-    asked = []
-    for one in map(Requirement, lines):
-        if one.marker is None or one.marker.evaluate(environment):
-            one.marker = None
-            asked.append(str(one))
-    return asked
-
-
-def lacking(asked: Sequence[str], system: str) -> str | None:
+def lacking(wheel: Path, system: str, extra: str) -> str | None:
     """What pip has no wheel of there, in its words; `None` if it has all."""
-    tags = [f"--platform={tag}" for tag in SYSTEMS[system][2]]
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", "install"]
-    only = ["--dry-run", "--ignore-installed", "--only-binary=:all:", f"--python-version={PYTHON}"]
-    only.append(f"--constraint={ROOT / 'constraints.txt'}")
+    platform, name, os_name, machine, tags = SYSTEMS[system]
+    there = {"sys_platform": platform, "platform_system": name, "os_name": os_name}
+    there |= {"platform_machine": machine, "python_version": PYTHON}
+    there |= {"python_full_version": f"{PYTHON}.0"}
+    options = ["--dry-run", "--ignore-installed", "--only-binary=:all:"]
+    options += [f"--python-version={PYTHON}", f"--constraint={ROOT / 'constraints.txt'}"]
+    options += [f"--platform={tag}" for tag in tags]
     with tempfile.TemporaryDirectory() as target:
-        command = [*pip, *only, *tags, f"--target={target}", *asked]
-        done = subprocess.run(command, capture_output=True, encoding="utf-8", check=False)
+        asked = f"{wheel}[{extra}]" if extra else str(wheel)
+        command = ["--quiet", "--disable-pip-version-check", "install", *options]
+        done = subprocess.run(
+            [sys.executable, "-c", _PIP, json.dumps(there), *command, f"--target={target}", asked],
+            capture_output=True, encoding="utf-8", check=False,
+        )  # fmt: skip
     errors = [line for line in done.stderr.splitlines() if line.startswith("ERROR:")]
-    return errors[-1].removeprefix("ERROR: ") if done.returncode else None
+    return " ".join(line.removeprefix("ERROR: ") for line in errors) if done.returncode else None
 
 
 if __name__ == "__main__":
