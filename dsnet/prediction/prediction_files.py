@@ -118,7 +118,7 @@ def fill_prediction(
             "a predictor with an autoencoder",
             "Leave latents out, or pass another --predictor.",
         )
-    shape, largest_m2 = (len(moving), body.vertex_count, 3), 0.0
+    shape, largest_m2, least = (len(moving), body.vertex_count, 3), 0.0, np.inf
     made: dict[str, tuple[ArrayFile, Callable[[MovedFrames], NDArray[np.floating]]]] = {}
     if "nodes16" in write:
         nodes, read = _nodes_of(writer, moving, shared)
@@ -136,6 +136,8 @@ def fill_prediction(
         # In float64, in which no finite offset is too large to be squared.
         lengths_m2 = np.einsum("tvx,tvx->tv", *2 * [moved.offsets_m], dtype=np.float64)
         largest_m2 = max(largest_m2, float(lengths_m2.max(initial=0.0)))
+        if moved.gains is not None:
+            least = min(least, float(moved.gains[:, moving.gains.of_parts > 1].min(initial=least)))
         for array, read in made.values():
             array.write(moved.frames.start, read(moved))
     if "strip" in write:
@@ -159,6 +161,7 @@ def fill_prediction(
         gender=body.gender,
         betas=motion.betas.tolist(),
         controls=moving.controls,
+        **({"least_gain": round(least, 2)} if moving.gains.limited else {}),
         starts_anew_at=[piece.start for piece in moving.pieces[1:]],
         **{VERTICES: vertex_order(body)},
         **facts,

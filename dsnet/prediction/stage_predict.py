@@ -93,9 +93,12 @@ def _what_was_made(made: Artifact, config: PredictConfig, earlier: str) -> str:
     names = ", ".join(sorted(made.digests))
     look = f". To look at it: {shlex.join(_looking_at_it(config, made.path))}"
     look = "" if config.person else look  # no other command has that option
+    strained = ""
+    if (least := manifest.get("least_gain")) is not None:
+        strained = f"; gains beyond 1 are lowered by strain, down to {least:g}"
     return (
-        f"wrote {names} to {made.path}{earlier}: {frames} frames, {frames / fps:.1f} s at "
-        f"{fps:g} fps; the skin moves by at most {manifest['largest_offset_mm']:.1f} mm{look}"
+        f"wrote {names} to {made.path}{earlier}: {frames} frames, {frames / fps:.1f} s at {fps:g} "
+        f"fps; the skin moves by at most {manifest['largest_offset_mm']:.1f} mm{strained}{look}"
     )
 
 

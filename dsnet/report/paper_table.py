@@ -221,7 +221,7 @@ def _dsnet(stages: Stages) -> dict[str, Measured]:
     predictor, made = manifest["predictors"][name], manifest["provenance"]
     weights = load_weights(stages["train"].file(f"{name}.safetensors"))
     # Whether latents are scaled is read from the weights, so that any predictor will do.
-    scaled = any(key.startswith("scaling/") for key in weights)
+    scaled = np.any(weights.get("scaling/latent_std", np.float32(1)) != 1)
     departs = "; ".join(predictor["departures"]) or _SET
     inputs, latent = weights["fc_enc_1/kernel"].shape[0], weights["fc_enc_3/kernel"].shape[1]
     block = (config["batch_size"], config["frames"])

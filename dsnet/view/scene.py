@@ -136,14 +136,12 @@ class Scene:
 
     def _scene(self) -> bytes:
         clip_list, body, controls = self._clip_list, self.body, self._controls
-        index, (edges, lengths_m) = "<u2" if body.vertex_count < 1 << 16 else "<u4", edges_of(body)
+        _, lengths_m = edges_of(body)
         facts: dict[str, Any] = {
             "owner": clip_list.best.owner,
             "origin": clip_list.best.shows,
             "gender": body.gender,
             "baked": self.baked,
-            "faces": _text(body.faces, index),
-            "edges": _text(edges, index),
             "edges_m": _text(lengths_m, "<f4"),
             "vertices": body.vertex_count,
             "parts": PARTS,
@@ -161,10 +159,11 @@ class Scene:
         return json.dumps(facts | self._facts_of_skinning() | self._facts_of_skin()).encode()
 
     def _facts_of_skin(self) -> dict[str, Any]:
-        """How the asset `skin`, a picture, lies on the body, if it has one; see `SplitMesh`."""
+        """The body's faces; or those of its picture, the asset `skin`, and how it lies on the body:
+        see `SplitMesh`."""
         body = self.body
         if self._skin_png is None or body.texture is None:
-            return {}
+            return {"faces": _text(body.faces, "<u2" if body.vertex_count < 1 << 16 else "<u4")}
         split = split_at_seams(body.faces, body.texture)
         places = np.rint(split.places * 65535)
         skin = {

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from bridge.motion import cuts, motion, rest_poses, retargeting, skeletons, speeds
+from bridge.motion import cuts, rest_poses, retargeting, skeletons
 from bridge.motion.readers import bvh
 
-_MODULES = (bvh, cuts, motion, rest_poses, retargeting, skeletons, speeds)
+_MODULES = (bvh, cuts, rest_poses, retargeting, skeletons)
 
 
 def skeleton_rules() -> bytes:

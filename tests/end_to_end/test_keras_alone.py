@@ -67,20 +67,41 @@ def test_a_motion_becomes_vertices_without_pytorch(smoke_runs, execute, tmp_path
     np.testing.assert_allclose(alone["vertices"], posed, atol=1e-5)
 
 
+OPENED = """
+import sys, numpy, keras
+given = numpy.load(sys.argv[2])
+network = keras.models.load_model(sys.argv[1])
+betas = numpy.tile(given["betas"], (len(given["theta"]), 1))
+inputs = numpy.concatenate([betas, given["theta"]], 1)
+numpy.save(sys.argv[3], network.predict(inputs[None], verbose=0)[0])
+sys.exit(bool({"bridge", "dsnet", "tf_dsnet"} & {name.partition(".")[0] for name in sys.modules}))
+"""
+
+
 @pytest.mark.slow
-def test_a_runs_network_opens_as_the_page_says(smoke_runs, execute, tmp_path):
-    """What it gives there: `tests/tf_dsnet/test_keras_files.py`, and `dsnet verify` of a run."""
-    for to, out in {
-        "keras": "dsnet.keras",
-        "savedmodel": "served",
-        "tflite": "step.tflite",
-    }.items():
-        asked = ["--run", "smoke", "--predictor", "dsnet_faithful", "--to", to]
-        command = [".venv/bin/dsnet", "export", *asked, "--out", str(tmp_path / out)]
-        done = execute(command, smoke_runs)
+def test_a_runs_networks_open_in_keras_alone(smoke_runs, execute, tmp_path):
+    infer = read_artifact(smoke_runs / "smoke" / "infer")
+    sequence = sequences_of(infer)[-1]
+    betas = infer.array("betas")[subject_rows(sequences_of(infer))[sequence.subject]]
+    np.savez(tmp_path / "motion.npz", theta=infer.array("theta")[sequence.frames], betas=betas)
+    for name in ("dsnet_standardised", "dsnet_faithful"):
+        out = tmp_path / f"{name}.keras"
+        export = ["export", "--run", "smoke", "--predictor", name, "--to", "keras"]
+        done = execute([".venv/bin/dsnet", *export, "--out", str(out)], smoke_runs)
         assert done.returncode == 0, done.stderr
-        assert (tmp_path / out).exists()
+        files = [str(out), str(tmp_path / "motion.npz"), str(tmp_path / "latents.npy")]
+        done = execute([sys.executable, "-I", "-c", OPENED, *files], smoke_runs)
+        assert done.returncode == 0, done.stderr
+        expected = infer.array(f"latents_{name}")[sequence.frames]
+        atol = 1e-6 * np.abs(expected).max()
+        np.testing.assert_allclose(np.load(files[2]), expected, atol=atol)
+    (tmp_path / "dsnet_faithful.keras").rename(tmp_path / "dsnet.keras")
     (block,) = [one for one in python_blocks("docs/deployment.md") if "load_model" in one]
     code = f"import os\nos.chdir({str(tmp_path)!r})\n{block}\nassert latents.shape == (1, 240, 100)"
     done = execute([sys.executable, "-I", "-c", code], smoke_runs)
     assert done.returncode == 0, done.stderr
+    for to, out in {"savedmodel": "served", "tflite": "step.tflite"}.items():
+        command = [*export[:-1], to, "--out", str(tmp_path / out)]
+        done = execute([".venv/bin/dsnet", *command], smoke_runs)
+        assert done.returncode == 0, done.stderr
+        assert (tmp_path / out).exists()

@@ -9,15 +9,31 @@ export function bytesOf(base64) {
 
 export const numbersOf = (base64, Type) => new Type(bytesOf(base64).buffer);
 
+// Those of the picture of skin have copies of vertices at its seams.
+function facesOf({ faces, skin, vertices }) {
+  if (!skin) return numbersOf(faces, vertices < 65536 ? Uint16Array : Uint32Array);
+  const copyOf = numbersOf(skin.copy_of, Uint16Array);
+  return numbersOf(skin.faces, Uint16Array).map((vertex) => (vertex < vertices ? vertex : copyOf[vertex - vertices]));
+}
+
+// Vertices (2, E) of the edges, in the order of `edges_of` (dsnet/prediction/gains.py).
+function edgesOf(faces, count) {
+  const keys = new Float64Array(faces.length).map((_, i) => {
+    const one = faces[i], other = faces[i % 3 < 2 ? i + 1 : i - 2];
+    return Math.min(one, other) * count + Math.max(one, other);
+  });
+  const edges = keys.sort().filter((key, i) => key !== keys[i - 1]);
+  return Uint32Array.from([...edges.map((key) => Math.floor(key / count)), ...edges.map((key) => key % count)]);
+}
+
 export class Body {
   constructor(scene) {
     this.count = scene.vertices;
-    const Index = scene.vertices < 65536 ? Uint16Array : Uint32Array;
-    this.faces = numbersOf(scene.faces, Index);
+    this.faces = facesOf(scene);
     this.boneOf = bytesOf(scene.bone_of);
     this.weight = numbersOf(scene.bone_weight, Float32Array);
     this.each = this.weight.length / this.count;
-    this.gains = new Gains(scene, numbersOf(scene.edges, Index), numbersOf(scene.edges_m, Float32Array), numbersOf(scene.part_weights, Float32Array));
+    this.gains = new Gains(scene, edgesOf(this.faces, this.count), numbersOf(scene.edges_m, Float32Array), numbersOf(scene.part_weights, Float32Array));
   }
 
   // rest and offsets (3, V), gains of parts or null, bones (12, N) to positions (V, 3), metres; sizes (V),

@@ -8,14 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.alignment import compare as compare_module
 from benchmarks.alignment import compare_page
-from benchmarks.alignment.contenders import Estimate
+from benchmarks.alignment.compare import CompareConfig, compare
+from benchmarks.alignment.contenders import Estimate, contenders
 from benchmarks.alignment.known_sequences import Suite, known_sequences
 from benchmarks.alignment.scores import Scores, loads_of
 from tests.one_thread import one_thread as one_thread
 
 # Motions begin at rest; a woman, a man, a woman again, since genders are aligned apart.
 PAIRS = (("50004", "jiggle_on_toes"), ("50002", "one_leg_jump"), ("50020", "one_leg_jump"))
+NAMES = [f"{subject}_{motion}" for subject, motion in PAIRS]
 TINY = Suite("tiny", seed=3, pairs=PAIRS, frames=20)
 
 
@@ -27,6 +30,25 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def known(folder):
     return known_sequences(TINY, folder / "sequences")
+
+
+def test_the_whole_comparison(folder, known, monkeypatch):
+    """Aligners see one gender at a time, and each sequence gets its own estimate back."""
+    truth = {o.recording.name: Estimate(o.betas.astype(np.float32), o.theta) for o in known}
+
+    def true(data, recordings):
+        assert len({data.gender, *(one.gender for one in recordings)}) == 1
+        return lambda: [truth[one.name] for one in recordings]
+
+    monkeypatch.setattr(compare_module, "draw_figures", lambda *_: None)
+    monkeypatch.setattr(compare_module, "contenders", lambda *a: contenders(*a) | {"robust": true})
+    names = ("robust_fast", "robust")
+    config = CompareConfig(out=folder, contenders=names, rounds=1, threads=1)
+    fast, exact = compare(config, TINY)["aligners"].values()
+    assert list(exact["r2_of_sequence"]) == NAMES
+    assert exact["r2_worst"] > 0.999
+    assert fast["r2_worst"] == min(fast["r2_of_sequence"].values())
+    assert fast["r2"] > 0.8
 
 
 def scored(known, estimates) -> dict:

@@ -162,7 +162,7 @@ def test_strides_of_betas_that_tell_no_legs_are_told(character, bouncing, capsys
 
 
 @pytest.mark.usefixtures("blank_strip")
-def test_the_command_takes_and_records_them(plus_run, tmp_path):
+def test_the_command_takes_and_records_them(plus_run, tmp_path, capsys):
     path = save_on_the_spot(tmp_path / "given" / "bounce.npz", LAP, LAP)
     out, betas = tmp_path / "out", "1,0,0,0,0,0,0,0,0,0"
     options = "--gain 2 --part-gain belly=2 arms=0.5 --floor scale --loop --betas"
@@ -172,6 +172,8 @@ def test_the_command_takes_and_records_them(plus_run, tmp_path):
     gains = ["belly=2", "arms=0.5"]
     made = json.loads((out / "manifest.json").read_text())
     assert made["controls"] == {**asked, "part_gain": gains}
+    assert 1.0 <= made["least_gain"] <= 4.0
+    assert f"lowered by strain, down to {made['least_gain']:g}" in capsys.readouterr().err
     controls = Controls(**asked, part_gain=tuple(gains))
     again = predict_motion(plus_run, path, tmp_path / "again", controls=controls)
     np.testing.assert_array_equal(again.array("offsets"), np.load(out / "offsets.npy"))

@@ -21,7 +21,7 @@ from bridge.runs import ArtifactWriter, Run, read_artifact
 from dsnet.evaluation.evaluation import evaluate_run
 from dsnet.evaluation.pipelines import MotionArrays, Pipeline
 from dsnet.pictures.panels import FOOTERS
-from dsnet.report import stage_report, videos
+from dsnet.report import paper_table, stage_report, videos
 from dsnet.report.bodies import Scene
 from dsnet.report.diagrams import sizes_of
 from dsnet.report.pages import render_html, render_markdown
@@ -97,7 +97,7 @@ def test_the_held_out_motion_moves_at_the_head(folder):
     """In a loop: every second frame of nine at 30 a second; a column for each pipeline and two."""
     head = (folder / "report.md").read_text().partition("[Verdict](#verdict)")[0]
     assert "](figures/held_out.webp)" in head
-    assert "*50004_one_leg_jump in real time, which no predictor saw in training." in head
+    assert "*50004_one_leg_jump in real time, on which no predictor was trained" in head
     with Image.open(folder / "figures" / "held_out.webp") as clip:
         assert (clip.format, clip.info["loop"]) == ("WEBP", 0)
         pages = np.stack(
@@ -285,6 +285,17 @@ def test_the_papers_words_alone_come_first(folder):
     decode.manifest.update(predictors=labels, default="dsnet_small")
     pipeline = Pipeline("paper", *[MotionArrays.of(decode)] * 3)
     assert list(pipeline.predictors) == ["dsnet_literal", "dsnet_small", "dsnet_other"]
+
+
+@pytest.mark.parametrize(
+    ("std", "said"), [(1.0, "as the autoencoder gives"), (0.5, "one standard deviation")]
+)
+def test_only_latents_that_were_scaled_are_called_so(folder, monkeypatch, std, said):
+    stages = {path.name: read_artifact(path) for path in folder.parent.iterdir() if path != folder}
+    scaling = {"scaling/latent_std": np.full(100, std, np.float32)}
+    load = paper_table.load_weights
+    monkeypatch.setattr(paper_table, "load_weights", lambda path: load(path) | scaling)
+    assert measure(stages, "female")["latent_scale"].value == said
 
 
 def test_what_is_not_the_papers_differs(folder):

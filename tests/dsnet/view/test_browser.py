@@ -153,7 +153,7 @@ def test_a_file_opens_from_a_disk_without_a_network(browser, tmp_path):
     out = tmp_path / "a.html"
     main(["export", "--to", "html", "--motion", "sample:jumping_jacks", "--gain", "2",
           "--out", str(out)])  # fmt: skip
-    assert out.stat().st_size < 12e6
+    assert out.stat().st_size < 10e6
     with on_disk(browser, out) as shown:
         shown.moves_as_predicted("sample:jumping_jacks", 100, gain=2.0)
         asked = "() => fetch('https://example.org/').then(() => 'sent', () => 'kept')"

@@ -7,12 +7,38 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmarks.prediction import lesser_plus
+from benchmarks.prediction.lesser_plus import LesserPlusConfig
+from benchmarks.systems import dyna_like
 from benchmarks.systems.casas_otaduy_like import TwoFrameNetwork
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, kinematics
+from bridge.exchange.train_options import PredictorSettings
 from bridge.motion import pack_theta
+from bridge.paper import N_BETAS
+from bridge.runs import read_artifact
+from bridge.tissue.trained_plus import TrainedPlus
+from dsnet.stages import stage_train
+from dsnet.stages.stage_train import TrainConfig
+from tests.forged.driven import forged_data
 from tests.forged.lively import lively
+from tests.tf_dsnet.plus import TINY, forge_run
 from tf_dsnet.framework import be_reproducible
 from tf_dsnet.model import assign_weights, named_weights
+
+
+def test_a_motion_that_was_left_out_is_rolled_to_its_latents(body, tmp_path, monkeypatch):
+    """Far from what one-step errors promise: many frames on predictions alone."""
+    monkeypatch.setattr(dyna_like, "RIDGES", dyna_like.RIDGES[:1])
+    data, entry = forged_data(body, clips=18, frames=150), dyna_like.DynaLike()
+    training = entry.training(PredictorSettings(epochs=1), data, tmp_path / "c.safetensors")
+    training.epoch(0, validate=True)
+    predict = entry.load(training.arrays(), lambda: body)
+    (clip,) = data.validation
+    found = predict(clip.inputs[:, N_BETAS:], clip.betas)
+    assert (found.shape, found.dtype) == (clip.latents.shape, np.float32)
+    missed = np.square(found - clip.latents).sum() / np.square(clip.latents).sum()
+    assert missed < 0.01
+
 
 FPS = 60.0
 FRAMES = len(lively())
@@ -36,6 +62,7 @@ def test_a_constant_turn_has_a_constant_rate_in_every_frame(joint, column):
     np.testing.assert_allclose(found, 0.0, atol=1e-8)
 
 
+SETTINGS = PredictorSettings(epochs=12, frames=64, batch_size=4)
 RNG = np.random.default_rng(3)
 
 
@@ -68,3 +95,29 @@ def test_predictions_feed_on_themselves_from_zero(network):
         one, two = now, one
     found = network(motion, training=False).numpy()
     np.testing.assert_allclose(found, np.stack(expected, axis=1), rtol=1e-4, atol=1e-5)
+
+
+def test_predictions_know_no_targets_and_no_padding(network):
+    inputs = RNG.normal(size=(2, 7, 338)).astype(np.float32)
+    other = inputs.copy()
+    other[..., 138:] += 5.0
+    real = np.ones((2, 7), bool)
+    found = network(inputs, training=False).numpy()
+    np.testing.assert_array_equal(network([other, real], training=False).numpy(), found)
+    assert np.abs(network(other, training=True) - network(inputs, training=True)).max() > 0.1
+
+
+def test_what_is_left_out_does_nothing_and_the_rest_is_learned(runs, monkeypatch):
+    run = forge_run(runs, monkeypatch, misfit_m=0.01)
+    tiny = TrainConfig(run="tiny", rounds=TINY.rounds, plus=TINY)
+    monkeypatch.setitem(stage_train.PROFILES, "demo", tiny)
+    without = dict.fromkeys(("gravity", "coupling", "by_shape", "static"), False)
+    lesser_plus.main(LesserPlusConfig(run="tiny", **without))
+    artifact = read_artifact(run / "train_plus")
+    model = TrainedPlus.load(artifact)
+    for name in ("gravity_gain", "wave_speed", "bending"):
+        np.testing.assert_allclose(model.weights.base[name], np.log(1e-6), rtol=1e-6)
+    assert not model.weights.slopes.any()
+    assert np.ptp(model.weights.base["omega"]) > 0
+    assert artifact.manifest["static"] == "none"
+    assert not model.static.constant_m.any()

@@ -11,6 +11,7 @@ from torch_align_ae.alignment.sgd import (
     MomentumDescent,
     batches,
     fit_pose,
+    fit_shape_and_pose,
     rigid_start,
 )
 
@@ -18,6 +19,31 @@ from torch_align_ae.alignment.sgd import (
 @pytest.fixture(scope="module")
 def objective(smpl):
     return MeshDistance(smpl)
+
+
+def root_mean_square_m(objective, target, *variables):
+    posed = objective.smpl(*variables)
+    return (posed - objective.restore(target)).square().sum(2).mean().sqrt().item()
+
+
+def test_recovers_pose_within_the_methods_floor(objective, smpl, motion):
+    pose, trans = (part[:2] for part in motion(2))
+    betas = torch.zeros(2, 10)
+    target = objective.arrange(smpl(betas, pose, trans))
+    begin = pose + 0.03, trans + 0.02
+    found = fit_pose(objective.shapes(betas), begin, target, 300, Descent())
+    assert root_mean_square_m(objective, target, betas, *found) < 0.003
+    assert root_mean_square_m(objective, target, betas, *begin) > 0.03
+    np.testing.assert_allclose(found[0], pose, atol=0.03)
+
+
+def test_recovers_shape_within_the_methods_floor(objective, smpl, motion):
+    pose, trans = (part[:1] for part in motion(1))
+    betas = torch.tensor([[0.6, -0.3, 0, 0, 0, 0, 0, 0, 0, 0]])
+    target = objective.arrange(smpl(betas, 0.3 * pose, trans))
+    found = fit_shape_and_pose(objective, target, Descent(shape_steps=800))
+    assert root_mean_square_m(objective, target, *found) < 0.006
+    assert abs(found[0][0, 0] - 0.6) < 0.1
 
 
 def test_steps_are_torchs_to_the_last_bit():
